@@ -3,6 +3,7 @@
 // A terminal that went away must not end a program whose motor is turning: `terminal`.
 #![deny(clippy::print_stderr)]
 
+mod broadcast;
 mod capture;
 mod cmd;
 mod consent;

@@ -71,6 +71,11 @@ impl DriveArgs {
         Self { stops: true, ..self }
     }
 
+    /// Replaces the URL.
+    pub fn at(self, url: String) -> Self {
+        Self { url, ..self }
+    }
+
     /// Opens the link and identifies its drives.
     pub fn open(&self) -> Result<LocalSession> {
         self.open_url(&self.url)

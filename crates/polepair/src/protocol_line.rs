@@ -204,6 +204,7 @@ impl ProtocolLine {
         let name = self.protocol.name;
         Ok(match &self.link {
             SharedLink::Serial(link) => {
+                let options = HostOptions { line_used_at: link.used_until(), ..options };
                 let lane = registry::build_lane(name, options, axes).ok_or_else(no_host_error)?;
                 Connection::new::<Stream>(Box::new(link.clone()), lane)
             }

@@ -38,6 +38,8 @@ pub(crate) struct ProtocolInfo {
     pub(crate) sub_axes: RangeInclusive<u8>,
     /// The address that means everybody.
     pub(crate) broadcast: Option<u32>,
+    /// The number that means the same as `g*` in a connection string.
+    pub(crate) broadcast_number: Option<u32>,
     /// The host's own address, which no axis can have.
     pub(crate) host: Option<u32>,
     /// True if its frames are ASCII characters.
@@ -52,6 +54,8 @@ pub(crate) struct ProtocolInfo {
     pub(crate) generic: &'static Profile,
     /// On CAN, whether what has that address has this identifier, of 29 bits or not.
     pub(crate) uses_identifier: fn(u32, u32, bool) -> bool,
+    /// Writes the text of a read of what a request's text writes, as far as a broadcast needs it.
+    pub(crate) read_back: fn(&str, &'static Profile, &mut dyn std::fmt::Write) -> bool,
     /// Returns the reason why no drive may have an address.
     forbidden_reason: fn(u32) -> Option<&'static str>,
 }
@@ -100,6 +104,11 @@ impl ProtocolInfo {
             .then(|| self.byte_addresses().rev().find(|address| !drives.contains(address)))?
     }
 
+    /// Returns whether that axis is all stations of a line where none of them answers.
+    pub(crate) fn is_unanswered(&self, axis: u32) -> bool {
+        self.groups == 0 && self.broadcast == Some(axis)
+    }
+
     /// Refuses an address that no drive can have, and groups that the protocol has not.
     pub(crate) fn check_address(&self, address: u32) -> Result<(), Error> {
         if address & GROUP != 0 {
@@ -141,7 +150,7 @@ impl ProtocolInfo {
 
     fn check_groups(&self, address: u32) -> Result<(), Error> {
         let last = 32 - (address & !GROUP).leading_zeros();
-        if self.groups > 0 && last <= self.groups.into() {
+        if self.broadcast == Some(address) || self.groups > 0 && last <= self.groups.into() {
             return Ok(());
         }
         let what = format!("`#{}`: {} has no such group", AxisNumber(address), self.name);
@@ -238,6 +247,7 @@ impl proto::ProtocolVisitor for ProtocolLister {
             groups: P::GROUPS,
             sub_axes: P::SUB_AXES,
             broadcast: P::BROADCAST_ADDRESS,
+            broadcast_number: P::BROADCAST_NUMBER,
             host: P::HOST_ADDRESS,
             is_ascii: P::IS_ASCII,
             keys: P::KEYS,
@@ -245,6 +255,7 @@ impl proto::ProtocolVisitor for ProtocolLister {
             rates: P::RATES,
             generic: P::generic_profile(),
             uses_identifier: P::uses_can_id,
+            read_back: P::read_back,
             forbidden_reason: P::forbidden_reason,
         });
     }
@@ -335,7 +346,10 @@ mod tests {
         let modbus = find_protocol("modbus-rtu", MediumKind::Serial).expect("known");
         assert_eq!(modbus.alternative_host(&[1, 2]), None);
         assert!(tmcl.check_address(255).is_ok() && tmcl.check_address(256).is_err());
-        assert!(tmcl.check_address(GROUP | 1).is_err());
+        assert!(tmcl.check_address(GROUP | 1).is_err() && tmcl.check_address(GROUP).is_err());
+        let modbus = find_protocol("modbus-rtu", MediumKind::Serial).unwrap();
+        assert!(modbus.check_address(GROUP).is_ok() && modbus.check_address(GROUP | 1).is_err());
+        assert!(modbus.is_unanswered(GROUP) && !modbus.is_unanswered(1));
     }
 
     #[test]

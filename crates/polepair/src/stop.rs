@@ -165,8 +165,11 @@ pub fn stop(
     how: StopOptions,
     on_event: StopObserver<'_>,
 ) -> Result<LinkStopReport, Error> {
-    let parsed = connector.url(url)?;
+    let mut parsed = connector.url(url)?;
     let mut stopped = LinkStopReport::default();
+    if parsed.take_unanswered_broadcast() {
+        return stop_by_broadcast(connector, parsed, how, stopped, on_event);
+    }
     let group = parsed.axes.iter().any(|axis| AxisNumber(*axis).is_group());
     let rack = matches!(parsed.target, LinkTarget::Rack { .. });
     if group || rack || matches!(parsed.target, LinkTarget::Sim { .. }) {
@@ -185,6 +188,34 @@ pub fn stop(
     if let Some(rate) = rate {
         stop_at_other_rates(connector, &parsed, rate, how, &mut stopped, on_event)?;
     }
+    Ok(stopped)
+}
+
+/// Sends the stop to all stations of a line, none of which answers it, and then stops each: those that the string
+/// names, or all that are found.
+fn stop_by_broadcast(
+    connector: &Connector,
+    mut url: Url,
+    how: StopOptions,
+    mut stopped: LinkStopReport,
+    on_event: StopObserver<'_>,
+) -> Result<LinkStopReport, Error> {
+    let (lines, _simulation) = connector.open_lines(&url)?;
+    for line in &lines {
+        // Named by its user, it goes out before any drive is identified: all known ones of this protocol obey it.
+        let prober = Prober::new(line, &connector.config);
+        let chosen = connector.chosen_profile(&url, &line.protocol)?;
+        let known = chosen.as_ref().map_or(prober.profiles(), std::slice::from_ref);
+        let shared = unidentified::shared_stop(known, how.command().verb);
+        if let Some((profile, verb)) = shared {
+            stopped.broadcast |= send_broadcast(line, profile, Command::new(verb))?;
+        }
+        if url.axes.is_empty() && matches!(url.target, LinkTarget::Sim { .. }) {
+            // Every address of a simulation is known.
+            url.axes.clone_from(&line.axis_numbers);
+        }
+    }
+    stop_on_lines(connector, &url, &lines, how, &mut stopped, on_event)?;
     Ok(stopped)
 }
 
@@ -217,7 +248,7 @@ fn stop_on_lines(
     on_event: StopObserver<'_>,
 ) -> Result<(), Error> {
     for line in lines {
-        if url.axes.is_empty() {
+        if url.axes.is_empty() && !stopped.broadcast {
             // Before the search: it reaches in one frame all drives that obey it, and costs no reply.
             stopped.broadcast |= broadcast_stop(connector, url, line, how.command())?;
         }
@@ -235,8 +266,16 @@ fn broadcast_stop(
     line: &ProtocolLine,
     command: Command,
 ) -> Result<bool, Error> {
-    let Some(address) = line.protocol.broadcast else { return Ok(false) };
     let profile = connector.chosen_profile(url, &line.protocol)?.unwrap_or(line.protocol.generic);
+    send_broadcast(line, profile, command)
+}
+
+fn send_broadcast(
+    line: &ProtocolLine,
+    profile: &'static Profile,
+    command: Command,
+) -> Result<bool, Error> {
+    let Some(address) = line.protocol.broadcast else { return Ok(false) };
     let connection = line.open_connection(&[(profile, address)])?;
     let (mut runs, mut frames, mut open) = (Vec::new(), Vec::new(), true);
     connection.with_axes(|axes, _| {

@@ -16,6 +16,7 @@ mod keys;
 
 use crate::error::Error;
 use crate::registry;
+use crate::simulate;
 use crate::spelling;
 pub use keys::{link_keys, protocol_keys, rack_keys, simulation_keys};
 use polepair_core::convert::saturating;
@@ -215,7 +216,9 @@ impl Url {
         let (head, query) = rest.split_once('?').unwrap_or((rest, ""));
         let keys = parse_keys(query)?;
         Ok(match (head.strip_prefix("sim:"), head.strip_prefix("rack:")) {
-            (None, None) => parse_wire(head, keys, parse_axes(fragment, repeated)?)?,
+            (None, None) => {
+                parse_wire(head, keys, parse_axes(fragment, repeated)?)?.with_broadcast_named()
+            }
             (what, file) => {
                 let (names, numbers) = split_names(fragment);
                 let axes = parse_axes(&numbers, repeated)?;
@@ -223,7 +226,7 @@ impl Url {
                     (_, Some(file)) => parse_rack(file)?,
                     (what, None) => parse_sim(what.unwrap_or_default())?,
                 };
-                Url { protocol: String::new(), target, keys, axes, names }
+                Url { protocol: String::new(), target, keys, axes, names }.with_broadcast_named()
             }
         })
     }
@@ -448,6 +451,34 @@ fn bad_group(fragment: &str, groups: &str) -> String {
 }
 
 impl Url {
+    /// This string with the protocol's number of its broadcast written as `g*`.
+    fn with_broadcast_named(mut self) -> Self {
+        let Some(protocol) = self.known_protocol() else { return self };
+        let named = self.axes.iter_mut().find(|axis| Some(**axis) == protocol.broadcast_number);
+        if let (Some(axis), Some(all)) = (named, protocol.broadcast) {
+            *axis = all;
+        }
+        self
+    }
+
+    /// The protocol, where the string alone is enough: a rack's file has one for each link.
+    fn known_protocol(&self) -> Option<registry::ProtocolInfo> {
+        match &self.target {
+            LinkTarget::Sim { what } => simulate::find_drive(what).ok().map(|(_, known)| known),
+            _ => self.protocol_info().ok(),
+        }
+    }
+
+    /// Takes the broadcast of a protocol out whose stations do not answer it, and returns whether it was named.
+    ///
+    /// The caller asks each station afterwards.
+    pub fn take_unanswered_broadcast(&mut self) -> bool {
+        let Some(protocol) = self.known_protocol() else { return false };
+        let before = self.axes.len();
+        self.axes.retain(|axis| !protocol.is_unanswered(*axis));
+        self.axes.len() < before
+    }
+
     /// The protocol on the target's medium.
     pub(crate) fn protocol_info(&self) -> Result<registry::ProtocolInfo, Error> {
         let Some(medium) = self.target.medium() else {

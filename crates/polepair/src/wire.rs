@@ -94,12 +94,12 @@ impl SharedLink {
 
     /// A link that its connection lends; taps see it there.
     pub(crate) fn borrowed_serial(link: Box<dyn LinkIo<Stream>>) -> Self {
-        Self::Serial(CountedLink { link: Arc::from(link), sent_counter: SentCounter::default() })
+        Self::Serial(CountedLink::over(Arc::from(link), SentCounter::default()))
     }
 
     /// A borrowed link on CAN.
     pub(crate) fn borrowed_can(link: Box<dyn LinkIo<Can>>) -> Self {
-        Self::Can(CountedLink { link: Arc::from(link), sent_counter: SentCounter::default() })
+        Self::Can(CountedLink::over(Arc::from(link), SentCounter::default()))
     }
 
     /// The link with a tap on its bytes; frames of a bus are not tapped.
@@ -157,11 +157,22 @@ impl From<SharedLink> for AnyLink {
 pub(crate) struct CountedLink<M: Medium> {
     link: Arc<dyn LinkIo<M>>,
     sent_counter: SentCounter,
+    /// Times of the last frame sent and received, of any session.
+    sent_at: Arc<AtomicU64>,
+    received_at: Arc<AtomicU64>,
 }
+
+/// Time in which a drive begins its reply, if it sends one, as long as an earlier session is over.
+const LATE_REPLY_MAX: Duration = Duration::from_millis(25);
 
 impl<M: Medium> Clone for CountedLink<M> {
     fn clone(&self) -> Self {
-        Self { link: Arc::clone(&self.link), sent_counter: self.sent_counter.clone() }
+        Self {
+            link: Arc::clone(&self.link),
+            sent_counter: self.sent_counter.clone(),
+            sent_at: Arc::clone(&self.sent_at),
+            received_at: Arc::clone(&self.received_at),
+        }
     }
 }
 
@@ -172,9 +183,23 @@ impl<M: Medium> CountedLink<M> {
         sent: SentCounter,
     ) -> Self {
         match tap {
-            None => Self { link: Arc::from(link), sent_counter: sent },
-            Some(tap) => Self { link: Arc::new(TappedLink::new(link, tap)), sent_counter: sent },
+            None => Self::over(Arc::from(link), sent),
+            Some(tap) => Self::over(Arc::new(TappedLink::new(link, tap)), sent),
         }
+    }
+
+    fn over(link: Arc<dyn LinkIo<M>>, sent_counter: SentCounter) -> Self {
+        Self { link, sent_counter, sent_at: Arc::default(), received_at: Arc::default() }
+    }
+
+    /// Time until which the sessions so far may use the wire; `None` before the first byte.
+    ///
+    /// A session that ended before its last request was answered leaves a reply behind.
+    pub(crate) fn used_until(&self) -> Option<Instant> {
+        let [sent, received] =
+            [&self.sent_at, &self.received_at].map(|at| Instant(at.load(Ordering::Relaxed)));
+        let until = if sent > received { sent + LATE_REPLY_MAX } else { received };
+        (until > Instant::ZERO).then_some(until)
     }
 }
 
@@ -186,6 +211,7 @@ impl<M: Medium> LinkIo<M> for CountedLink<M> {
         self.link.send(unit)?;
         // After the link took it: a frame that was refused has not left.
         self.sent_counter.0.fetch_add(1, Ordering::Relaxed);
+        self.sent_at.store(self.link.now().0, Ordering::Relaxed);
         Ok(())
     }
     fn wait_writable(&self, until: Instant) -> Result<bool, LinkError> {
@@ -193,7 +219,11 @@ impl<M: Medium> LinkIo<M> for CountedLink<M> {
     }
 
     fn receive(&self, buffer: &mut M::Out, until: Instant) -> Result<Received, LinkError> {
-        self.link.receive(buffer, until)
+        let received = self.link.receive(buffer, until)?;
+        if let Received::Bytes { at, .. } = received {
+            self.received_at.store(at.0, Ordering::Relaxed);
+        }
+        Ok(received)
     }
     fn set_line(&self, line: M::Line) -> Result<(), LinkError> {
         self.link.set_line(line)
@@ -212,6 +242,6 @@ impl<M: Medium> LinkIo<M> for CountedLink<M> {
     }
     fn reopen(&self) -> Result<Box<dyn LinkIo<M>>, LinkError> {
         let link = Arc::from(self.link.reopen()?);
-        Ok(Box::new(Self { link, sent_counter: self.sent_counter.clone() }))
+        Ok(Box::new(Self::over(link, self.sent_counter.clone())))
     }
 }

@@ -8,6 +8,7 @@ use polepair_core::proto::drive_address;
 use polepair_core::station::LineChange;
 use polepair_link::tap::TapDirection;
 
+use crate::broadcast;
 use crate::cmd::encode::instructions;
 use crate::data_output::DataOutput;
 use crate::outcome;
@@ -67,6 +68,9 @@ impl Send {
             let why = "A server sends only requests that move no motor.";
             return Err(remote::unsupported_problem("--dry-run or --arm", why));
         }
+        if !self.dry_run && !server.is_given() {
+            self.target = broadcast::with_stations(self.target)?;
+        }
         let replies = TapQueue::default();
         let session = if server.is_given() {
             self.target.connect(server)?
@@ -76,16 +80,16 @@ impl Send {
         session.listen_for_interrupts();
         let mut out = DataOutput::stdout().with_text(self.format == SendFormat::Text);
         for axis in session.axes() {
-            self.check(&session, axis, &mut out)?;
+            self.check(&session, axis, &self.texts_of(&session, axis), &mut out)?;
         }
         if self.dry_run {
             out.flush()?;
             print_note("dry run: none of this was sent");
             return Ok(Exit::Ok);
         }
-        for axis in session.axes() {
+        for axis in broadcast::broadcasts_first(session.axes()) {
             axis.local().inspect(|axis| axis.arm(self.arm));
-            for text in &self.texts {
+            for text in &self.texts_of(&session, axis) {
                 drop(replies.drain());
                 let rate = axis.local().and_then(|axis| axis.connection().line_rate());
                 let value = axis.raw(text);
@@ -105,6 +109,9 @@ impl Send {
                     note_line(&session, axis, text, rate);
                 }
             }
+            if broadcast::is_broadcast(axis) {
+                print_note(&format!("{} {}", axis.label(), broadcast::SENT));
+            }
             if let Some(axis) = axis.local() {
                 axis.arm(false);
                 self.note_motion(&session, axis);
@@ -113,11 +120,29 @@ impl Send {
         Ok(Exit::Ok)
     }
 
+    /// The texts for an axis: beside a broadcast, which has them, a station is asked for what they wrote.
+    fn texts_of(&self, session: &Session, axis: &Axis) -> Vec<String> {
+        let is_asked =
+            session.axes().iter().any(broadcast::is_broadcast) && !broadcast::is_broadcast(axis);
+        match axis.local() {
+            Some(station) if is_asked => {
+                self.texts.iter().filter_map(|text| station.read_back_text(text)).collect()
+            }
+            _ => self.texts.clone(),
+        }
+    }
+
     /// Checks every text before the first is sent; with `--dry-run` their frames are printed.
     /// A server checks each when it is sent.
-    fn check(&self, session: &Session, axis: &Axis, out: &mut DataOutput) -> Result<()> {
+    fn check(
+        &self,
+        session: &Session,
+        axis: &Axis,
+        texts: &[String],
+        out: &mut DataOutput,
+    ) -> Result<()> {
         let Some(local) = axis.local() else { return Ok(()) };
-        for text in &self.texts {
+        for text in texts {
             let rehearsed = local.rehearse_raw(text).map_err(outcome::to_problem)?;
             if self.dry_run {
                 let who = session.axis_prefix(axis);

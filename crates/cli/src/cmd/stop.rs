@@ -407,6 +407,9 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
             shell_word(&format!("{link}#N"))
         ));
     }
+    if stopped.broadcast && stopped.reply_timeout.is_none() {
+        print_note("a broadcast stop was sent first; no drive answers it");
+    }
     if let Some((first, last)) = stopped.not_queried {
         let what = format!("addresses {first} to {last} were not tried: the time was over.");
         if stopped.broadcast {

@@ -8,6 +8,7 @@ use polepair::url::AxisNumber;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::profile::Signal;
 
+use crate::broadcast;
 use crate::motion;
 use crate::outcome;
 use crate::problem::{Exit, Problem, Result};
@@ -107,7 +108,11 @@ impl Enable {
 
 impl Disable {
     pub fn run(self, server: ServerArgs) -> Result {
-        run_simple(&self.target.for_stop(), server, Verb::Disable, self.dry_run, power_off_text)
+        let mut target = self.target.for_stop();
+        if !self.dry_run && !server.is_given() {
+            target = broadcast::with_stations(target).map_err(|problem| problem.hint(CUT))?;
+        }
+        run_simple(&target, server, Verb::Disable, self.dry_run, power_off_text)
     }
 }
 
@@ -116,6 +121,8 @@ impl Clear {
         run_simple(&self.target, server, Verb::Clear, self.dry_run, |_| Ok(CLEARED.to_owned()))
     }
 }
+
+const CUT: &str = "cut the power if a motor turns";
 
 fn run_simple(
     target: &DriveArgs,
@@ -128,7 +135,6 @@ fn run_simple(
         server.refuse_dry_run()?;
         return target.rehearse(|_| Ok(Command::new(wanted)));
     }
-    const CUT: &str = "cut the power if a motor turns";
     // One that does not answer leaves no other with power.
     let (session, absent) = match wanted {
         Verb::Disable => target.connect_present(server).map_err(|problem| problem.hint(CUT))?,
@@ -137,8 +143,10 @@ fn run_simple(
     session.listen_for_interrupts();
     let mut ended = Ok(());
     // Every axis gets its command, also after an error of another one.
-    for axis in session.axes() {
-        let one = switch_power(axis, Command::new(wanted)).and_then(|()| done(axis));
+    for axis in broadcast::broadcasts_first(session.axes()) {
+        let one = switch_power(axis, Command::new(wanted)).and_then(|()| {
+            if broadcast::is_broadcast(axis) { Ok(broadcast::SENT.to_owned()) } else { done(axis) }
+        });
         if let Ok(done) = &one {
             print_note(&format!("{} {done}", axis.label()));
         }

@@ -78,3 +78,84 @@ fn a_group_on_a_server_is_commanded_without_a_claim() {
     assert!(ran.err.contains("axes g1: the stop was sent; nothing confirms it"), "{}", ran.err);
     sim.end();
 }
+
+#[test]
+fn a_modbus_broadcast_is_sent_and_each_station_is_asked() {
+    for url in
+        ["sim:syntron-ts?axes=3#0", "sim:syntron-ts?axes=3#g*", "sim:syntron-ds102?axes=3#0,3,1,2"]
+    {
+        let ran = polepair(&["disable", url]);
+        assert_eq!(ran.code, 0, "{}", ran.err);
+        let (sent, asked) = ran.err.split_once('\n').expect("lines");
+        assert_eq!(
+            sent,
+            "axes g* sent to every station; no drive answers a broadcast, so each is asked"
+        );
+        for axis in 1..=3 {
+            assert!(asked.contains(&format!("axis {axis} is not powered now")), "{}", ran.err);
+        }
+    }
+    let ran = polepair(&["stop", "sim:syntron-ts?axes=2#0"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    for text in [
+        "axis 1 is stopped",
+        "axis 2 is stopped",
+        "a broadcast stop was sent first; no drive answers it",
+    ] {
+        assert!(ran.err.contains(text), "{}", ran.err);
+    }
+    let asked =
+        ["send", "sim:syntron-ts?axes=2#0", "write Fn_3E 5", "write registers 0x100 1053 7"];
+    let shown = ok(&[&asked[..], &["--arm"]].concat());
+    let expected = [
+        "#g* write Fn_3E 5: sent; no reply",
+        "#g* write registers 0x100 1053 7: sent; no reply",
+        "#1 Fn_3E unnamed Fn_3E = 5",
+        "#1 Fn_100 path 1 definition 1 = 1053, Fn_101 path 1 position = 7",
+        "#2 Fn_3E unnamed Fn_3E = 5",
+        "#2 Fn_100 path 1 definition 1 = 1053, Fn_101 path 1 position = 7",
+    ];
+    assert_eq!(shown.lines().collect::<Vec<_>>(), expected);
+}
+
+#[test]
+fn a_modbus_broadcast_refuses_what_has_to_read() {
+    for asked in [
+        &["get", "sim:syntron-ts#0", "Fn_33"][..],
+        &["enable", "sim:syntron-ts#0"],
+        &["spin", "sim:syntron-ts?fn00=1#0,1", "100rpm", "--for", "1s"],
+        &["send", "sim:syntron-ts#0,1", "read 3"],
+    ] {
+        let ran = polepair(asked);
+        assert_eq!(ran.code, 2, "{}", ran.err);
+        assert!(ran.err.contains("a broadcast brings no answer: it cannot read"), "{}", ran.err);
+    }
+    let ran = polepair(&["send", "sim:syntron-ts#0,1", "write Fn_33 100"]);
+    assert!(ran.code == 2 && ran.err.contains("error[E219]"), "{}", ran.err);
+    // Other protocols keep their own meaning of 0.
+    let ran = polepair(&["disable", "canopen+udp://239.74.163.99:43199#0"]);
+    assert!(ran.code == 2 && ran.err.contains("error[E212]"), "{}", ran.err);
+}
+
+#[test]
+fn a_modbus_broadcast_reaches_the_stations_that_a_search_finds() {
+    let sim = Served::new("modbus-rtu:3,9");
+    // All 127 addresses are asked, so each for a short time.
+    let all = sim.url.replace("#3,9", "?timeout=2#0");
+    assert_ne!(all, sim.url, "{}", sim.url);
+    let shown = ok(&["send", &all, "write Fn_3E 6"]);
+    let expected = [
+        "#g* write Fn_3E 6: sent; no reply",
+        "#3 Fn_3E unnamed Fn_3E = 6",
+        "#9 Fn_3E unnamed Fn_3E = 6",
+    ];
+    assert_eq!(shown.lines().collect::<Vec<_>>(), expected);
+    let ran = polepair(&["stop", &all]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(
+        ran.err.contains("axis 3 is stopped") && ran.err.contains("axis 9 is stopped"),
+        "{}",
+        ran.err
+    );
+    drop(sim);
+}

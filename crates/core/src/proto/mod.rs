@@ -73,6 +73,8 @@ pub trait Protocol {
     const SUB_AXES: core::ops::RangeInclusive<u8> = 1..=1;
     /// Broadcast address, for requests without a reply.
     const BROADCAST_ADDRESS: Option<u32> = if Self::GROUPS > 0 { Some(GROUP) } else { None };
+    /// The number that users of the protocol write for all of its stations; `None` for `g*` alone.
+    const BROADCAST_NUMBER: Option<u32> = None;
     /// Keys of connection strings, beside those of every link.
     const KEYS: &'static [OptionKey];
     /// True if its frames are ASCII characters, for which seven data bits are enough.
@@ -81,6 +83,12 @@ pub trait Protocol {
     const DEFAULT_RATE: u32;
     /// The baud or bit rates that its drives can have; empty if the protocol defines none.
     const RATES: &'static [u32] = &[];
+    /// Writes the text of a read of what a request's text writes. `false` if that writes nothing, and where no one
+    /// needs it: a broadcast has replies or does not exist.
+    fn read_back(text: &str, profile: &'static Profile, out: &mut dyn core::fmt::Write) -> bool {
+        let _ = (text, profile, out);
+        false
+    }
     /// The host of these axes. Where one of them is a relay to the others, it is the first.
     fn create_host(options: &HostOptions, axes: &[u32]) -> Self::Host;
     /// The driver of one axis, or of those that an address with [`GROUP`] names.

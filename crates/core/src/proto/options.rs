@@ -3,6 +3,8 @@
 //! A protocol lists its keys in [`Protocol::KEYS`](super::Protocol::KEYS). Parsing, errors, completion and the
 //! reference are made from these lists.
 
+use crate::time::Instant;
+
 /// Standard of a serial line, for protocols that differ by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SerialStandard {
@@ -51,6 +53,9 @@ pub struct HostOptions {
     /// not repeat their request, a session then starts with probes, varied by this seed; only stops are sent
     /// before these have replies. `None` where no program was there before (REQ-7).
     pub probe_seed: Option<u32>,
+    /// Time until which earlier sessions used a serial line, or may still be answered; `None` where there was none.
+    /// Stations that end a frame by silence would read its last reply and a request right behind it as one.
+    pub line_used_at: Option<Instant>,
     /// For scans: an address that never replied is asked only once, so that silence costs the least time.
     pub scanning: bool,
     /// A stop waits for the reply: the check for two drives with one address, which takes longer, is left
@@ -114,6 +119,7 @@ impl HostOptions {
             relay_axis: None,
             relay_axis_max: None,
             probe_seed: None,
+            line_used_at: None,
             scanning: false,
             urgent: false,
             timeout_scale: 1,

@@ -3,6 +3,7 @@
 use super::failure::RequestKind;
 use super::{LocalAxis, Rehearsal, RunningRequest};
 use crate::error::Error;
+use crate::registry;
 use crate::url::AxisNumber;
 use polepair_core::convert::text_from;
 use polepair_core::error::Unsupported;
@@ -77,6 +78,22 @@ impl LocalAxis {
             is_stop: rehearsal.is_stop,
             line_change: rehearsal.line_change,
         })
+    }
+
+    /// The read of what a request in the protocol's own text wrote; `None` if it writes nothing, and for protocols
+    /// whose broadcast has replies or does not exist.
+    #[must_use]
+    pub fn read_back_text(&self, text: &str) -> Option<String> {
+        let protocol = registry::find_protocol(self.protocol, self.medium)?;
+        let mut read = String::new();
+        (protocol.read_back)(text, self.profile, &mut read).then_some(read)
+    }
+
+    /// Returns whether it is all stations of a line, none of which answers.
+    #[must_use]
+    pub fn is_unanswered_broadcast(&self) -> bool {
+        registry::find_protocol(self.protocol, self.medium)
+            .is_some_and(|protocol| protocol.is_unanswered(self.number))
     }
 
     /// Adds the position of an error in a text, if the protocol's language reports it.

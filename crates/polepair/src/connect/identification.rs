@@ -95,6 +95,11 @@ impl Connector {
         let number = line.axis_numbers[at];
         Ok(match (named, &line.entries[at].profile) {
             (Some(profile), _) => (profile, Identification::Named),
+            _ if line.protocol.is_unanswered(number) => {
+                let prober = Prober::new(line, &self.config);
+                let first = prober.profiles().first().copied();
+                (first.unwrap_or(line.protocol.generic), Identification::Group)
+            }
             _ if AxisNumber(number).is_group() => (line.protocol.generic, Identification::Group),
             (None, Some((profile, _))) if !must_ask => (*profile, Identification::Named),
             (None, Some((profile, location))) => {

@@ -13,6 +13,7 @@ use crate::axis::{AnswerDecoder, Driver, Refusal, RequestEncoder, WriteRules};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::profile::{AxisKind, MotionRules, Parameter, Profile, Watchdog};
+use crate::proto::GROUP;
 use crate::station::RequestClass;
 
 /// Profile of an unknown Modbus drive.
@@ -47,7 +48,8 @@ pub struct ModbusDriver {
 }
 
 impl ModbusDriver {
-    /// The station `address`, which is a product of `profile`. Only the low byte counts.
+    /// The station `address`, which is a product of `profile`. Only the low byte counts, and that of [`GROUP`] is
+    /// the broadcast.
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
         Self { profile, unit: address as u8 }
@@ -211,7 +213,12 @@ impl Driver for ModbusDriver {
     }
 
     fn address(&self) -> u32 {
-        u32::from(self.unit)
+        if self.is_group() { GROUP } else { u32::from(self.unit) }
+    }
+
+    /// Unit 0 is every station, and none of them answers (MSL 2.1).
+    fn is_group(&self) -> bool {
+        self.unit == BROADCAST
     }
 }
 

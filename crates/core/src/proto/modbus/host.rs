@@ -252,7 +252,7 @@ impl SerialHost {
             received: [0; RECEIVE_MAX],
             received_len: 0,
             ascii: AsciiDeframer::default(),
-            last_activity: None,
+            last_activity: options.line_used_at,
             payload: [0; ADU_MAX],
             payload_len: 0,
             last_read: None,
@@ -356,7 +356,8 @@ impl SerialHost {
         let timed = self.is_timed && self.format == WireFormat::Rtu && self.gap_ns.is_none();
         match self.sent_unit {
             Some(BROADCAST) => u64::from(STATION_GAP_US) * 1000,
-            Some(_) if timed => u64::from(STATION_GAP_US) * 1000,
+            // Which station spoke to an earlier session is not known.
+            _ if timed => u64::from(STATION_GAP_US) * 1000,
             _ => 0,
         }
     }

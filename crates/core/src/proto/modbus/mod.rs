@@ -20,7 +20,7 @@ pub mod wire;
 mod tests;
 
 use super::options::{self, OptionKey};
-use super::{HostOptions, Protocol};
+use super::{GROUP, HostOptions, Protocol};
 use crate::axis::Driver;
 use crate::medium::Stream;
 use crate::profile::Profile;
@@ -54,13 +54,22 @@ macro_rules! protocol {
             // allows up to 247.
             const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
             const VALID_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=247;
-            const BROADCAST_ADDRESS: Option<u32> = Some(wire::BROADCAST as u32);
+            const BROADCAST_ADDRESS: Option<u32> = Some(GROUP);
+            const BROADCAST_NUMBER: Option<u32> = Some(wire::BROADCAST as u32);
             const IS_ASCII: bool = matches!(wire::WireFormat::$kind, wire::WireFormat::Ascii);
             const DEFAULT_RATE: u32 = 115_200;
             const KEYS: &[OptionKey] = &[options::TIMEOUT, options::GAP];
 
             fn generic_profile() -> &'static Profile {
                 &driver::GENERIC
+            }
+
+            fn read_back(
+                request: &str,
+                profile: &'static Profile,
+                out: &mut dyn core::fmt::Write,
+            ) -> bool {
+                text::parse(request, Some(profile)).is_ok_and(|parsed| parsed.read_back(out))
             }
 
             fn create_host(options: &HostOptions, _axes: &[u32]) -> SerialHost {

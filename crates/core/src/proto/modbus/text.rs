@@ -27,6 +27,18 @@ pub struct ParsedRequest {
     pub words: [u16; READ_WORDS_MAX as usize],
 }
 
+impl ParsedRequest {
+    /// Writes the text of a read of what it writes; `false` for a read.
+    pub fn read_back(&self, out: &mut dyn core::fmt::Write) -> bool {
+        let items = match self.function {
+            Function::WriteCoil | Function::WriteCoils => "coils",
+            Function::WriteRegister | Function::WriteRegisters => "registers",
+            _ => return false,
+        };
+        write!(out, "read {items} 0x{:04X} {}", self.start, self.count.max(1)).is_ok()
+    }
+}
+
 /// Phrases that begin a text, the longer before those they begin with.
 const PHRASES: [(&str, TextVerb); 28] = [
     ("read device id", TextVerb::DeviceId),
