@@ -23,6 +23,8 @@ const PROBES: [CommandWord; 5] =
 pub(super) struct NodeState {
     /// Format of the replies to TC and VC.
     pub reply_format: ReplyFormat,
+    /// The format is [`Silent`](ReplyFormat::Silent) by what was seen, not by a VM of this session.
+    pub is_silence_observed: bool,
     /// True once it has replied.
     pub has_answered: bool,
     /// Time of the last frame that was sent to it.
@@ -37,6 +39,7 @@ pub(super) struct NodeState {
 impl NodeState {
     const NEW: Self = Self {
         reply_format: ReplyFormat::Echo,
+        is_silence_observed: false,
         has_answered: false,
         last_sent: Instant::ZERO,
         outstanding: OutstandingReplies::NONE,

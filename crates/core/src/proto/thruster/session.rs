@@ -422,6 +422,9 @@ impl Session {
                         && may_answer(&p.outgoing_request(), reply.data)
                 })
             });
+        if reply.command.is_output() {
+            self.forget_observed_silence(id);
+        }
         let Some(n) = found else { return self.handle_unexpected(now, id, reply) };
         let Some(pending) = self.pending[n].as_mut() else { return };
         let out = pending.outgoing_request();
@@ -453,10 +456,23 @@ impl Session {
         }
     }
 
+    /// A drive that answers TC or VC has its replies switched on.
+    fn forget_observed_silence(&mut self, id: u8) {
+        let node = self.nodes.get_mut(id);
+        if core::mem::take(&mut node.is_silence_observed) {
+            node.reply_format = ReplyFormat::default();
+        }
+    }
+
     /// EF was answered, behind a refusal or as a proof.
     fn handle_fault_word(&mut self, now: Instant, n: usize, reply: Reply) {
         let Some(pending) = self.pending[n] else { return };
         self.push_unsolicited(pending.host_request.id, Answer::Reply(reply));
+        if pending.stage == RequestStage::Proof {
+            let node = self.nodes.get_mut(pending.host_request.id);
+            node.is_silence_observed |= node.reply_format != ReplyFormat::Silent;
+            node.reply_format = ReplyFormat::Silent;
+        }
         let faults = reply.data as u16;
         let stop = pending.host_request.class == RequestClass::Stop;
         let failure = Failure::Faulted { code: faults.into() };
@@ -508,8 +524,9 @@ impl Session {
         let value = out.value() as u16;
         match out.command {
             CommandWord::VM => {
-                self.nodes.get_mut(host_request.id).reply_format =
-                    host_request.interpretation.reply_format(value)
+                let node = self.nodes.get_mut(host_request.id);
+                node.reply_format = host_request.interpretation.reply_format(value);
+                node.is_silence_observed = false;
             }
             CommandWord::ST => self.nodes.set_stop_timeout(host_request.id, value, now),
             _ => {}
@@ -571,6 +588,14 @@ impl Session {
         let user = pending.ticket.is_some();
         if user && again && pending.attempts < attempts && !pending.no_retry {
             (pending.sent, pending.sent_at) = (false, now);
+            self.pending[n] = Some(pending);
+            return;
+        }
+        // No attempt was answered: an earlier host may have switched the replies off (VM), and EF has one then.
+        if user && again && is_output_request(&pending) && !pending.no_retry {
+            self.note_doubt(now, &pending);
+            pending.enter_stage(RequestStage::Proof);
+            pending.sent_at = now;
             self.pending[n] = Some(pending);
             return;
         }
