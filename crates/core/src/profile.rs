@@ -349,6 +349,15 @@ impl Parameter {
     pub fn allows(&self, raw: i64) -> bool {
         self.encoding.is_between(raw, self.min, self.max) && self.digit_defect(raw).is_none()
     }
+
+    /// Returns whether a raw value may be sent: limits that no manual states bind only what is given in a unit.
+    #[must_use]
+    pub fn allows_raw(&self, raw: i64) -> bool {
+        let (min, max) = self.encoding.raw_range();
+        let fits = !self.encoding.is_real() && self.encoding.is_between(raw, min, max);
+        self.allows(raw)
+            || self.certainty == Certainty::Inferred && fits && self.digit_defect(raw).is_none()
+    }
 }
 
 /// From raw to the parameter's unit: value = raw × factor × P(times) ÷ P(over) × rule.

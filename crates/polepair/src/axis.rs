@@ -206,7 +206,7 @@ impl LocalAxis {
     pub fn set(&self, name: &str, amount: impl Into<Amount>) -> Result<(), Error> {
         let id = self.find(name)?;
         let amount = self.amount_for_name(name, id, amount.into())?;
-        self.write(id, self.raw_of(id, &amount)?, false)
+        self.write(id, self.raw_within_limits(id, &amount)?, false)
     }
 
     /// Writes a parameter by name, and has the drive keep it over power-off.
@@ -216,7 +216,7 @@ impl LocalAxis {
     pub fn set_and_store(&self, name: &str, amount: impl Into<Amount>) -> Result<(), Error> {
         let id = self.find(name)?;
         let amount = self.amount_for_name(name, id, amount.into())?;
-        self.write(id, self.raw_of(id, &amount)?, true)
+        self.write(id, self.raw_within_limits(id, &amount)?, true)
     }
 
     /// Writes a parameter by name, raw.

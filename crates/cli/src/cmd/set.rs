@@ -17,7 +17,7 @@ use crate::problem::{Exit, Problem, Result};
 use crate::remote::{self, ServerArgs};
 use crate::session::Session;
 use crate::target::DriveArgs;
-use crate::terminal::print_note;
+use crate::terminal::{print_note, print_warning};
 use crate::value;
 use data_write::DataWrite;
 use readdress::AddressChange;
@@ -259,6 +259,9 @@ impl AxisWrites {
             }
         }
         let plan = axis.plan_writes(&writes.numbers).map_err(outcome::to_problem)?;
+        for caution in plan.writes.iter().filter_map(|write| axis.beyond_limits(write)) {
+            print_warning(&format!("{}: caution: {caution}", axis.label()));
+        }
         for write in plan.writes.iter().filter(|_| !dry_run) {
             if let Some(change) = AddressChange::for_setting(axis, write.id, write.raw)? {
                 writes.numbers.retain(|value| axis.find(&value.name).ok() != Some(write.id));

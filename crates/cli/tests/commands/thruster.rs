@@ -201,3 +201,52 @@ fn watch_shows_what_the_drive_sends_by_itself() {
     );
     sim.end();
 }
+
+#[test]
+fn a_drive_with_its_replies_switched_off_is_measured() {
+    let sim = Served::new("thruster:1");
+    ok(&["set", &sim.url, "reply form=0x0200"]);
+    let ran = polepair(&["spin", &sim.url, "300rpm", "--detach"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let ran = polepair(&["stop", &sim.url]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("axis 1 is stopped"), "{}", ran.err);
+}
+
+#[test]
+fn a_limit_that_no_manual_states_is_a_caution_for_raw_values() {
+    let servo = "sim:thruster-servo?time=virtual";
+    let ran = polepair(&["set", servo, "VC=250", "--raw", "--arm", "--dry-run"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    let caution = "caution: `target speed`: 250 raw is beyond -200 rpm to 200 rpm, limits that no \
+                   manual states";
+    assert!(ran.err.contains(caution), "{}", ran.err);
+    for refused in [
+        &["set", servo, "VC=250rpm", "--arm"][..],
+        &["set", servo, "VC=40000", "--raw", "--arm"],
+        &["spin", servo, "250rpm", "--for", "1s"],
+        &["set", "sim:thruster?time=virtual", "VC=5000 rpm", "--arm"],
+    ] {
+        let ran = polepair(refused);
+        assert!(ran.code == 2 && ran.err.contains("error[E216]"), "{}", ran.err);
+    }
+}
+
+#[test]
+fn a_safe_range_is_written_by_its_two_ends() {
+    let servo = "sim:thruster-servo?time=virtual";
+    let ran = polepair(&["set", servo, "safe range=1"]);
+    assert_eq!(ran.code, 2, "{}", ran.err);
+    assert!(ran.err.contains("Written by `reverse end` and `forward end`"), "{}", ran.err);
+    let shown = ok(&["set", servo, "reverse end=-90deg", "forward end=45deg"]);
+    assert_eq!(shown, "reverse end = -90 deg (-900)\nforward end = 45 deg (450)\n");
+}
+
+#[test]
+fn a_bit_rate_is_the_number_of_the_manual() {
+    let url = "sim:thruster?time=virtual";
+    assert_eq!(ok(&["set", url, "bit rate=250"]), "bit rate = 250k (250)\n");
+    assert_eq!(ok(&["set", url, "bit rate=333.33k"]), "bit rate = 333.33k (333)\n");
+    let ran = polepair(&["set", url, "bit rate=501"]);
+    assert!(ran.code == 2 && ran.err.contains("bit rates are 1000, 800"), "{}", ran.err);
+}

@@ -243,7 +243,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         if parameter.access == Access::Read {
             return Err(Unsupported::ReadOnly(id));
         }
-        check_range(parameter, id, raw)?;
+        if !parameter.allows_raw(raw) {
+            check_range(parameter, id, raw)?;
+        }
         Ok(parameter)
     }
 

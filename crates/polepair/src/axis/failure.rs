@@ -581,7 +581,10 @@ impl LocalAxis {
                 (format!("the type of `{}` is not known", self.parameter_label(id)), hint)
             }
             Unsupported::ReadOnly(id) => {
-                (format!("`{}` can only be read", self.parameter_label(id)), String::new())
+                // Where another parameter writes it, its description has that.
+                let about = self.parameter(id).map_or("", |parameter| parameter.about);
+                let hint = if about.contains("Written by") { about } else { "" };
+                (format!("`{}` can only be read", self.parameter_label(id)), hint.to_owned())
             }
             Unsupported::WriteOnly(id) => {
                 (format!("`{}` can only be written", self.parameter_label(id)), String::new())

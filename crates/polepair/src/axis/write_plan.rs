@@ -16,7 +16,7 @@ pub struct NamedValue {
     pub value: WriteValue,
 }
 
-/// A raw value within the limits of its parameter.
+/// A raw value that its parameter takes.
 #[derive(Clone, Copy, Debug)]
 pub struct PlannedWrite {
     /// Number of the parameter in the profile.
@@ -108,16 +108,49 @@ impl LocalAxis {
             let what = format!("`{}` cannot be {raw}: {defect}", parameter.name);
             return Err(Error::usage("E216", what, parameter.about));
         }
-        if !parameter.allows(raw) {
-            let limit =
-                |raw| self.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());
-            let (min, max) = (limit(parameter.min), limit(parameter.max));
-            let what = format!("`{}` takes {min} to {max}, not {value}", parameter.name);
+        let is_raw = matches!(value, WriteValue::Raw(_));
+        if !(parameter.allows(raw) || is_raw && parameter.allows_raw(raw)) {
+            let what = format!(
+                "`{}` takes {}, not {value}",
+                parameter.name,
+                self.limits_text(id, parameter)
+            );
             let hint = format!("polepair params {} {:?}", self.profile.name, parameter.name);
             return Err(Error::usage("E216", what, hint));
         }
         pending.insert(id, raw);
         Ok(PlannedWrite { id, parameter, raw })
+    }
+
+    /// Caution for a raw value beyond limits that no manual states; `None` within them.
+    #[must_use]
+    pub fn beyond_limits(&self, write: &PlannedWrite) -> Option<String> {
+        let PlannedWrite { id, parameter, raw } = *write;
+        (!parameter.allows(raw)).then(|| {
+            let limits = self.limits_text(id, parameter);
+            let name = parameter.name;
+            format!("`{name}`: {raw} raw is beyond {limits}, limits that no manual states")
+        })
+    }
+
+    fn limits_text(&self, id: ParameterId, parameter: &Parameter) -> String {
+        let limit = |raw| self.value(id, raw).map_or_else(|_| raw.to_string(), |v| v.to_string());
+        format!("{} to {}", limit(parameter.min), limit(parameter.max))
+    }
+
+    /// The raw value of an amount, within the limits of its parameter.
+    ///
+    /// # Errors
+    /// As [`raw_of`](Self::raw_of); `E216` outside the limits.
+    pub fn raw_within_limits(&self, id: ParameterId, amount: &Amount) -> Result<i64, Error> {
+        let (raw, parameter) = (self.raw_of(id, amount)?, self.required_parameter(id)?);
+        if parameter.allows(raw) {
+            return Ok(raw);
+        }
+        let what = format!("writing `{}`", parameter.name);
+        let (min, max) = (parameter.min, parameter.max);
+        let outside = Unsupported::OutOfRange { parameter: id, value: raw, min, max };
+        Err(self.unsupported_error(&what, outside))
     }
 
     /// The change that a planned write makes; `reads` has the present value read for it.

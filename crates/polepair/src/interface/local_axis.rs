@@ -56,7 +56,7 @@ impl AxisParameters for LocalAxis {
     ) -> Result<AxisRequest, Error> {
         let raw = match value {
             WriteValue::Raw(raw) => *raw,
-            WriteValue::Amount(amount) => self.raw_of(id, amount)?,
+            WriteValue::Amount(amount) => self.raw_within_limits(id, amount)?,
         };
         self.start_write(id, raw, store).map(AxisRequest::from)
     }

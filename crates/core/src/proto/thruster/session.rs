@@ -74,6 +74,8 @@ enum RequestStage {
     RefusalReason,
     /// EF, as proof behind a request that is not answered.
     Proof,
+    /// EF behind a request of which no attempt was answered: the replies may be switched off.
+    SilenceTest,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -99,7 +101,7 @@ impl PendingExchange {
     fn outgoing_request(&self) -> Request {
         match self.stage {
             RequestStage::Request => self.host_request.request,
-            RequestStage::RefusalReason | RequestStage::Proof => {
+            RequestStage::RefusalReason | RequestStage::Proof | RequestStage::SilenceTest => {
                 Request::without_value(CommandWord::EF)
             }
         }
@@ -450,7 +452,7 @@ impl Session {
                 self.note_setting(now, n, &out);
                 self.finish_with_answer(now, n, Ok(Answer::Reply(reply)));
             }
-            RequestStage::RefusalReason | RequestStage::Proof => {
+            RequestStage::RefusalReason | RequestStage::Proof | RequestStage::SilenceTest => {
                 self.handle_fault_word(now, n, reply)
             }
         }
@@ -468,10 +470,9 @@ impl Session {
     fn handle_fault_word(&mut self, now: Instant, n: usize, reply: Reply) {
         let Some(pending) = self.pending[n] else { return };
         self.push_unsolicited(pending.host_request.id, Answer::Reply(reply));
-        if pending.stage == RequestStage::Proof {
+        if pending.stage == RequestStage::SilenceTest {
             let node = self.nodes.get_mut(pending.host_request.id);
-            node.is_silence_observed |= node.reply_format != ReplyFormat::Silent;
-            node.reply_format = ReplyFormat::Silent;
+            (node.reply_format, node.is_silence_observed) = (ReplyFormat::Silent, true);
         }
         let faults = reply.data as u16;
         let stop = pending.host_request.class == RequestClass::Stop;
@@ -486,8 +487,10 @@ impl Session {
             {
                 Err(Failure::Misbehaved)
             }
-            RequestStage::Proof if faults & OUTPUT_OFF != 0 => Err(failure),
-            RequestStage::Proof => Ok(Answer::Proven),
+            RequestStage::Proof | RequestStage::SilenceTest if faults & OUTPUT_OFF != 0 => {
+                Err(failure)
+            }
+            RequestStage::Proof | RequestStage::SilenceTest => Ok(Answer::Proven),
             _ if blocked => Err(failure),
             _ => Err(Failure::Refused { code: REFUSED }),
         };
@@ -594,7 +597,7 @@ impl Session {
         // No attempt was answered: an earlier host may have switched the replies off (VM), and EF has one then.
         if user && again && is_output_request(&pending) && !pending.no_retry {
             self.note_doubt(now, &pending);
-            pending.enter_stage(RequestStage::Proof);
+            pending.enter_stage(RequestStage::SilenceTest);
             pending.sent_at = now;
             self.pending[n] = Some(pending);
             return;

@@ -186,7 +186,9 @@ fn a_servo_goes_to_its_target_and_reports_its_arrival() {
     let stop = pair.sent.iter().rfind(|f| !f.data.starts_with(b"Q")).expect("sent");
     assert_eq!(stop.data, *b"LS\0\0\0\0\0\0");
     assert_eq!(pair.read("speed"), Outcome::Done(0), "it was measured at standstill");
-    assert!(matches!(pair.write("safe range", 0xFC7C_0384), Ok(Outcome::Done(_))));
+    pair.read("safe range");
+    assert!(matches!(pair.write("reverse end", -900), Ok(Outcome::Done(_))));
+    assert!(matches!(pair.write("forward end", 900), Ok(Outcome::Done(_))));
     assert_eq!(pair.read("reverse end"), Outcome::Done(-900));
     assert_eq!(pair.read("forward end"), Outcome::Done(900));
     let result = pair.command(moving(Verb::MoveTo, 95.0, None));

@@ -395,6 +395,29 @@ fn the_forms_of_vm_are_all_understood() {
 }
 
 #[test]
+fn replies_that_another_host_switched_off_are_recognized() {
+    let mut wire = TestWire::new();
+    assert!(wire.request(with(CommandWord::VM, 0x0200)).is_ok());
+    wire.host = CanHost::new(&HostOptions::new(0));
+    // A command that is sent once may be lost: nothing proves that it was executed.
+    assert_eq!(wire.request(with(CommandWord::TC, 5)), Err(Failure::Silent));
+    assert_eq!(wire.done(CommandWord::EF), 0);
+    assert_eq!(wire.request(with(CommandWord::TC, 0)), Ok(Answer::Proven));
+    let asked = wire.done(CommandWord::EF);
+    assert!(asked >= 1, "{asked}");
+    // From then on each is proven at once.
+    let sent = wire.done(CommandWord::TC);
+    assert_eq!(wire.request(with(CommandWord::TC, 5)), Ok(Answer::Proven));
+    assert_eq!((wire.done(CommandWord::TC), wire.done(CommandWord::EF)), (sent + 1, asked + 1));
+    // The other host switches them on again: the first reply shows it.
+    let silent = core::mem::replace(&mut wire.host, CanHost::new(&HostOptions::new(0)));
+    assert!(wire.request(with(CommandWord::VM, 0)).is_ok());
+    wire.host = silent;
+    assert!(wire.request(with(CommandWord::TC, 5)).is_ok());
+    assert!(matches!(wire.request(with(CommandWord::TC, 6)), Ok(Answer::Reply(_))));
+}
+
+#[test]
 fn a_swapped_reply_to_vm_is_accepted() {
     let mut wire = TestWire::new();
     let quirks = Quirks { swaps_vm: true, ..Quirks::default() };
