@@ -84,6 +84,12 @@ pub fn parse_argument(
         if measure.si != 0.0 {
             axis.check_unit(verb, which, text).map_err(to_problem)?;
         }
+        if let Some(turned) = axis.turn_of_length(verb, which, text).map_err(to_problem)? {
+            let shown = (turned / unit.si_factor() * 1000.0).round() / 1000.0;
+            let label = axis.label();
+            print_note(&format!("{label}: {text} is {shown} {} of the motor", unit.symbol()));
+            return Ok(turned);
+        }
         written = axis.destination(verb, which).flatten();
     } else if is_bare && unit != Unit::Percent && which != Argument::Target {
         return Err(Problem::usage("E217", format!("{text:?} has no unit."))

@@ -29,7 +29,7 @@ use std::ops::ControlFlow;
 use polepair_drives::stored_paths::{PATH_MAX, PathType};
 pub use polepair_drives::stored_paths::{PathDefinition, PathEnd};
 
-use crate::axis::NamedValue;
+use crate::axis::{LocalAxis, NamedValue};
 use crate::error::{Error, Exit};
 use crate::interface::{Axis, WriteValue};
 pub use check::{PathChain, PathChainEnd, PathFinding};
@@ -54,6 +54,14 @@ const ENDS: [(&str, PathEnd); 3] = [
     ("from-last-end", PathEnd::LastCommand),
     ("from-here", PathEnd::Feedback),
 ];
+
+/// Motor turns and travel of a drive's mechanics, Fn_205 and Fn_206; `None` for drives without them.
+pub(crate) fn mechanics(axis: &LocalAxis) -> Result<Option<[i64; 2]>, Error> {
+    let (Ok(turns), Ok(travel)) = (axis.find(MOTOR_TURNS), axis.find(TRAVEL)) else {
+        return Ok(None);
+    };
+    Ok(Some([axis.read(turns)?, axis.read(travel)?]))
+}
 
 /// Unit of the mechanics.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

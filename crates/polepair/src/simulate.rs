@@ -127,13 +127,16 @@ pub struct WireDescription {
     pub(crate) location: Option<FileLocation>,
 }
 
-/// A rack from words such as `tmcl`, `tmcl:1,2`, `tmcm-171:3` or `tmcl+can`: each word is a link.
+/// A rack from words such as `tmcl`, `tmcl:1,2`, `tmcm-171:3`, `tmcl+can` or `syntron-ts:1?fn00=14`, with options of
+/// its drives: each word is a link.
 ///
 /// # Errors
-/// [`Error::Usage`] `E203` for a word that is neither protocol, family nor product.
+/// [`Error::Usage`] `E203` for a word that is neither protocol, family nor product, `E217` for an address that is no
+/// number, `E210` for an option that is given twice.
 pub fn rack_of_words(words: &[&str], seed: u64) -> Result<RackDescription, Error> {
     let mut description = RackDescription::default();
     for (n, word) in words.iter().enumerate() {
+        let (word, options) = word.split_once('?').unwrap_or((word, ""));
         let (name, addresses) = word.split_once(':').unwrap_or((word, ""));
         let (profile, protocol) = find_drive(name)?;
         let mut drives = Vec::new();
@@ -147,6 +150,10 @@ pub fn rack_of_words(words: &[&str], seed: u64) -> Result<RackDescription, Error
         }
         let seed = seed.wrapping_add(n as u64 * 1000);
         description.add_link(word, profile, protocol, &drives, seed);
+        let options = crate::url::parse_keys(options)?;
+        for drive in description.rack.links.iter_mut().skip(n).flat_map(|link| &mut link.drives) {
+            drive.extra.extend(options.iter().cloned());
+        }
     }
     Ok(description)
 }

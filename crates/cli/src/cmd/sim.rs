@@ -32,14 +32,15 @@ use crate::terminal::{self, print_note};
 Examples:
   polepair sim tmcl                              ready tmcl+serial:///dev/pts/3#1
   polepair sim tmcl:1,2 --pty /tmp/drives        two drives on one line
+  polepair sim \"syntron-ts:1?fn00=14\"            options of the drive, see its page
   polepair sim modbus-rtu:1 --tcp 127.0.0.1:4001
   polepair sim tmcl:1,2 --udp 239.74.163.2:43113   a CAN bus for python-can
   polepair sim tmcl+can --pty /tmp/adapter         a CAN bus behind a serial CAN adapter
   polepair sim canopen:5 --eds motor.eds           the object dictionary of a data sheet
   polepair sim rack.toml --seed 7")]
 pub struct Sim {
-    /// Rack file; or for each link a protocol or product, with addresses: tmcl:1,2
-    #[arg(required = true, value_name = "RACK.toml|PROTO[:ADDRESS,…]")]
+    /// Rack file; or for each link a protocol or product, with addresses and options: tmcl:1,2?ends=none
+    #[arg(required = true, value_name = "RACK.toml|PROTO[:ADDRESS,…][?KEY=VALUE&…]")]
     drives: Vec<String>,
     /// Link PATH to the pseudo-terminal; repeat such options in the order of the links
     #[arg(long, value_name = "PATH")]

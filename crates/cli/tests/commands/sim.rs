@@ -163,7 +163,8 @@ fn modules_may_have_the_address_that_hosts_have_from_the_factory() {
     assert_eq!(ok(&["get", &plain, "max current"]).lines().count(), 2);
     sim.end();
     assert!(ok(&["info", "sim:tmcl?axes=3"]).contains("axis 3: "));
-    for wrong in ["sim:tmcl#256", "tmcl+tcp://127.0.0.1:1#256", "modbus-rtu+tcp://127.0.0.1:1#0"] {
+    for wrong in ["sim:tmcl#256", "tmcl+tcp://127.0.0.1:1#256", "modbus-rtu+tcp://127.0.0.1:1#248"]
+    {
         assert_eq!(polepair(&["info", wrong]).code, 2, "{wrong}");
     }
 }

@@ -77,3 +77,24 @@ fn a_plan_shows_the_drives_own_numbers_too() {
     let planned = run::ok(&["set", "sim:tmcl", "AP 6=100", "--dry-run"]);
     assert_eq!(planned, "max current = 10 A (100), as it is\n");
 }
+
+#[cfg(unix)]
+#[test]
+fn a_length_turns_the_motor_by_the_mechanics_that_the_drive_stores() {
+    let sim = run::Served::new("syntron-ts?fn00=14");
+    let refused = polepair(&["move", &sim.url, "10mm"]);
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    let why = "Fn_205 = 1 and Fn_206 = 360 are no travel in mm";
+    assert!(refused.err.contains(why), "{}", refused.err);
+    let set = polepair(&["set", &sim.url, "Fn_205=2", "Fn_206=5"]);
+    assert_eq!(set.code, 0, "{}", set.err);
+    let ran = polepair(&["move", &sim.url, "10mm", "--vel", "5mm/s"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(ran.err.contains("axis 1: 10mm is 1440 deg of the motor"), "{}", ran.err);
+    assert!(ran.err.contains("axis 1: 5mm/s is 120 rpm of the motor"), "{}", ran.err);
+    let place = polepair(&["get", &sim.url, "encoder position"]);
+    let degrees = place.out.split_whitespace().find_map(|word| word.parse::<f64>().ok());
+    assert!(degrees.is_some_and(|degrees| (degrees - 1440.0).abs() < 1.0), "{}", place.out);
+    let angle = polepair(&["move", &sim.url, "0.5A"]);
+    assert!(angle.code == 2 && angle.err.contains("error[E217]"), "{}", angle.err);
+}

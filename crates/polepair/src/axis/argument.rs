@@ -4,7 +4,7 @@ use super::LocalAxis;
 use crate::amount::Amount;
 use crate::error::Error;
 use crate::profile::argument_word;
-use crate::{mounting, quantity};
+use crate::{mounting, paths, quantity};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{AxisKind, Parameter};
@@ -26,11 +26,50 @@ impl LocalAxis {
         }
         let Amount::Text(text) = amount else { return amount.in_si(self.unit_of(verb, which)) };
         self.check_scale(verb, which, text)?;
+        if let Some(turned) = self.turn_of_length(verb, which, text)? {
+            return Ok(turned);
+        }
         let value = amount.in_si(self.unit_of(verb, which))?;
         if value != 0.0 {
             self.check_unit(verb, which, text)?;
         }
         Ok(value)
+    }
+
+    /// The turn of the motor, SI, for a length along mechanics whose travel the drive stores (TS manual V2 §2.6.2,
+    /// Fn_205 and Fn_206). `None` for anything else, and where a file mounts the axis.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] `E217` where the travel is that of the factory, which is none in mm; reading it.
+    pub fn turn_of_length(
+        &self,
+        verb: Verb,
+        which: Argument,
+        text: &str,
+    ) -> Result<Option<f64>, Error> {
+        let Some(unit) = self.unit_of(verb, which).filter(|unit| !unit.is_linear()) else {
+            return Ok(None);
+        };
+        let measure = quantity::parse(text)?;
+        let is_length = measure.linear && measure.quantity == Some(unit.quantity());
+        if !is_length || self.own_mounting().is_some() {
+            return Ok(None);
+        }
+        let Some([turns, travel]) = paths::mechanics(self)? else { return Ok(None) };
+        // The drive does not store whether its travel is in mm or degrees: the factory's is a turn of 360.
+        if travel <= 0 || turns <= 0 || travel == 360 * turns {
+            let what = format!(
+                "{}: Fn_205 = {turns} and Fn_206 = {travel} are no travel in mm, so {text} is no turn of \
+                 the motor",
+                self.label()
+            );
+            let hint = "set Fn_205 (motor turns) and Fn_206 (mm that the mechanics move in them), \
+                        or give an angle";
+            return Err(Error::usage("E217", what, hint));
+        }
+        #[allow(clippy::cast_precision_loss, reason = "the registers have 16 bits")]
+        let per_metre = turns as f64 * std::f64::consts::TAU / (travel as f64 / 1000.0);
+        Ok(Some(measure.si * per_metre))
     }
 
     /// Refuses a value with a unit for an argument that has none by the drive's own objects.
