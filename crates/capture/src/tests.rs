@@ -70,6 +70,21 @@ fn data_alone_is_a_line_too() {
 }
 
 #[test]
+fn frames_have_comments_as_manuals_print_them() {
+    let mut scratch = Vec::new();
+    for text in [
+        "602 2F 60 60 00 03 00 00 00//mode",
+        "602 2F 60 60 00 03 00 00 00 // 设置6060h为3",
+        "(1.0) can0 602#2F60600003000000 // mode",
+    ] {
+        let RecordData::Frame(frame) = line(text, &mut scratch).data else { panic!("{text}") };
+        assert_eq!((frame.id, frame.bytes()[4]), (0x602, 3), "{text}");
+    }
+    assert!(parse_log_line(b"// a heading", &mut scratch).is_ok_and(|line| line.is_none()));
+    assert!(parse_log_line(b"602 2F 6 // half a byte", &mut scratch).is_err());
+}
+
+#[test]
 fn damage_is_reported_in_words() {
     assert_eq!(reason("(yesterday) can0 123#11"), "the time stamp is not seconds with decimals");
     assert_eq!(reason("(1.0 can0 123#11"), "the time stamp has no end");

@@ -174,11 +174,16 @@ fn parse_any_line<'a>(
     let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line).trim_ascii();
     let parsed = match line.first() {
         None | Some(b'#' | b';') => return Ok(None),
-        Some(b'(') => Ok(parse_stamped(line, scratch)?),
+        Some(b'/') if line.starts_with(b"//") => return Ok(None),
+        Some(b'(') => match (parse_stamped(line, scratch), before_comment(line)) {
+            (Err(_), Some(data)) => return parse_any_line(data, scratch),
+            (parsed, _) => Ok(parsed?),
+        },
         Some(_) => parse_unstamped(line, scratch),
     };
     match parsed {
         Ok(parsed) => Ok(Some(LogLine::Record(parsed.with_bytes(scratch), false))),
+        Err(_) if let Some(data) = before_comment(line) => parse_any_line(data, scratch),
         // Last, because the forms of programs are loose and would take a damaged line of the exact forms.
         Err(error) => match parse_tool_line(line, scratch) {
             Some(ToolLine::Record(record)) => Ok(Some(LogLine::Record(record, true))),
@@ -186,6 +191,15 @@ fn parse_any_line<'a>(
             None => Err(error),
         },
     }
+}
+
+/// The part of a line before `//`, as manuals annotate their frames. A path or the address of a link has none behind
+/// a space or a byte.
+fn before_comment(line: &[u8]) -> Option<&[u8]> {
+    let at = memchr::memmem::find(line, b"//")?;
+    let data = &line[..at];
+    let is_comment = data.last().is_some_and(|c| c.is_ascii_whitespace() || c.is_ascii_hexdigit());
+    is_comment.then_some(data.trim_ascii_end())
 }
 
 /// A line whose data is in the buffer for bytes.

@@ -239,3 +239,20 @@ fn moves_begin_on_one_sync() {
     let ran = polepair(&["move", "sim:tmcl:1?time=virtual", "90deg", "--sync"]);
     assert!(ran.code != 0 && ran.err.contains("does not support this"), "{}", ran.err);
 }
+
+/// TS manual V2 §3.6.2: node 2, 60000 pulses of 10000 a turn, relative.
+#[cfg(unix)]
+#[test]
+fn the_recipe_of_the_ts_manual_runs_from_a_file() {
+    let sim = run::Served::with(&["syntron-ts-canopen:2?fn00=20", "--socketcand", "127.0.0.1:0"]);
+    let recipe =
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/ts-profile-position.log");
+    let ran = polepair(&["replay", recipe, &sim.url, "--arm", "--detach"]);
+    assert_eq!(ran.code, 0, "{}", ran.err);
+    assert!(!ran.err.contains("could not be read"), "{}", ran.err);
+    polepair_test_support::wait_for("the motor to arrive", || {
+        let place = ok(&["get", &sim.url, "6064h"]);
+        if place.trim() == "position actual = 2160 deg" { Ok(()) } else { Err(place) }
+    });
+    assert_eq!(polepair(&["stop", &sim.url]).code, 0);
+}
