@@ -5,7 +5,7 @@
 
 use polepair_core::plan::{Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, Certainty, CouplingParameters, DigitField, Fault, IdentityQuery, MotionRules,
+    Access, BitName, Certainty, CouplingParameters, DigitField, Fault, IdentityQuery, MotionRules,
     Parameter, ParameterId, Persistence, Profile, Scale, ScaleRule, SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
@@ -159,7 +159,7 @@ const P: Parameter = Parameter {
     name: \"\", symbol: \"\", about: \"\", space: 0, index: 0, encoding: Encoding::I32,
     unit: Unit::None, scale: Scale::ONE, min: 0, max: 0, default: None,
     access: Access::ReadWrite, persistence: Persistence::Volatile,
-    certainty: Certainty::Documented, moves: false, section: \"\", values: &[], digits: &[],
+    certainty: Certainty::Documented, moves: false, section: \"\", values: &[], digits: &[], bits: &[],
 };
 
 ";
@@ -197,6 +197,7 @@ fn import_lines(body: &str, core: &str) -> String {
             &[
                 "Access",
                 "AxisKind",
+                "BitName",
                 "Certainty",
                 "DigitField",
                 "Encoding",
@@ -413,8 +414,17 @@ fn parameter_row(profile: &Profile, p: &Parameter) -> String {
         let fields: Vec<String> = p.digits.iter().map(digit_field).collect();
         let _ = write!(row, "digits: &[{}], ", fields.join(", "));
     }
+    if !p.bits.is_empty() {
+        let names: Vec<String> = p.bits.iter().map(bit_name).collect();
+        let _ = write!(row, "bits: &[{}], ", names.join(", "));
+    }
     row.push_str("..P }");
     row
+}
+
+fn bit_name(known: &BitName) -> String {
+    let BitName { mask, value, name } = known;
+    format!("BitName {{ mask: {mask:#x}, value: {value:#x}, name: {name:?} }}")
 }
 
 fn digit_field(field: &DigitField) -> String {

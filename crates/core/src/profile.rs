@@ -2,6 +2,7 @@
 //! constants.
 
 mod address;
+mod bits;
 mod digits;
 mod encoding;
 mod motion;
@@ -13,6 +14,7 @@ use crate::verb::Verb;
 
 pub use crate::parameter_id::ParameterId;
 pub use address::{ParameterAddress, encoding_word, parse_address_number, parse_encoding};
+pub use bits::BitName;
 pub use digits::{DigitDefect, DigitField};
 pub use encoding::Encoding;
 pub use motion::{CouplingParameters, MotionRules, RelativeBase};
@@ -341,6 +343,8 @@ pub struct Parameter {
     pub values: &'static [(i64, &'static str)],
     /// Decimal digits with meanings of their own, from the right; empty for a number.
     pub digits: &'static [DigitField],
+    /// Bits and groups of bits with names of their own; empty for a number.
+    pub bits: &'static [BitName],
 }
 
 impl Parameter {

@@ -2,9 +2,9 @@
 
 use crate::error::Error;
 use crate::quantity;
-use polepair_core::profile::{Encoding, Parameter, Scale, same_name};
+use polepair_core::profile::{BitName, Encoding, Parameter, Scale, same_name};
 use polepair_core::units::Unit;
-use std::fmt;
+use std::fmt::{self, Write as _};
 
 /// A value that a caller gives: a number, or text with or without a unit.
 #[derive(Clone, PartialEq, Debug)]
@@ -283,6 +283,8 @@ pub struct Value {
     pub unit: Unit,
     /// The value's name, where it has one.
     pub word: Option<&'static str>,
+    /// Names of its bits, where they have such.
+    pub bits: &'static [BitName],
     /// Encoding of the raw value on the wire.
     pub encoding: Encoding,
     /// The value is the raw one: it has neither unit nor scale.
@@ -296,10 +298,18 @@ impl Value {
         format_raw(self.encoding, self.raw)
     }
 
+    fn bit_names(&self) -> impl Iterator<Item = &'static str> {
+        let set = self.bits.iter().filter(|known| self.raw & known.mask == known.value);
+        set.map(|known| known.name)
+    }
+
     /// The value with the drive's own number behind it, where that is another one: `1.2 A (12)`.
     #[must_use]
     pub fn text_with_own(&self) -> String {
         let text = self.to_string();
+        if self.word.is_none() && self.bit_names().next().is_some() {
+            return text;
+        }
         let own = match own_fraction(self.encoding) {
             None => self.raw_text(),
             // The last of five digits is less than half a part.
@@ -318,6 +328,12 @@ impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(word) = self.word {
             return f.write_str(word);
+        }
+        let mut names = self.bit_names();
+        if let Some(first) = names.next() {
+            write!(f, "0x{:04X} ({first}", self.raw)?;
+            names.try_for_each(|name| write!(f, ", {name}"))?;
+            return f.write_char(')');
         }
         if self.is_raw && !self.encoding.is_real() {
             return f.write_str(&self.raw_text());
@@ -365,7 +381,8 @@ mod tests {
     fn no_more_digits_than_the_drive_has() {
         let shown = |value: f64, step: f64| {
             let (unit, encoding) = (Unit::Degree, Encoding::I32);
-            let value = Value { raw: 0, value, step, unit, word: None, encoding, is_raw: false };
+            let value =
+                Value { raw: 0, value, step, unit, word: None, bits: &[], encoding, is_raw: false };
             value.to_string()
         };
         assert_eq!(shown(1760.80078125, 360.0 / 4096.0), "1760.8 deg");

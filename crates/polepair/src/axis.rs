@@ -38,6 +38,7 @@ mod signal_value;
 mod start_together;
 mod stop;
 mod streaming;
+mod unmet_wait;
 mod watchdog;
 mod write_plan;
 
@@ -315,6 +316,7 @@ impl LocalAxis {
             step,
             unit,
             word: word.map(|(_, word)| *word),
+            bits: parameter.bits,
             encoding: parameter.encoding,
             is_raw: parameter.scale == Scale::ONE && unit == Unit::None && factor == 1.0,
         })

@@ -201,7 +201,16 @@ fn requested_parameters(axis: &Axis, names: &[String]) -> Result<Vec<ParameterId
         let listed = every.iter().filter(|its| its.readable && its.kind != "bytes");
         return listed.map(|its| axis.find(&its.name).map_err(outcome::to_problem)).collect();
     }
-    names.iter().map(|name| axis.find(name).map_err(outcome::to_problem)).collect()
+    let find = |name: &String| axis.find(name).or_else(|why| value_signal(axis, name).ok_or(why));
+    names.iter().map(find).collect::<std::result::Result<_, _>>().map_err(outcome::to_problem)
+}
+
+/// The parameter whose whole value is the signal of that name: `position`, `velocity`.
+fn value_signal(axis: &Axis, name: &str) -> Option<ParameterId> {
+    let local = axis.local()?;
+    let (id, signal) = local.find_signal_or_parameter(name).ok()?;
+    let source = local.profile().signal(signal?)?;
+    (source.mask == -1 && source.equals.is_none()).then_some(id)
 }
 
 /// Result of several requests of which some were refused.

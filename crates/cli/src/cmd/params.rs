@@ -183,6 +183,13 @@ fn parameter_details(profile: &Profile, parameter: &Parameter) -> String {
         let places = if field.places == 1 { "1 digit" } else { "2 digits" };
         fact(field.name, format!("0 to {}, {places}: {}", field.max, words.join(", ")));
     }
+    for known in parameter.bits {
+        let bits = known.bit().map_or_else(
+            || format!("0x{:X} of 0x{:X}", known.value, known.mask),
+            |bit| format!("bit {bit}"),
+        );
+        fact(&bits, known.name.to_owned());
+    }
     for (raw, name) in parameter.values {
         fact(&format!("{raw}"), (*name).to_owned());
     }

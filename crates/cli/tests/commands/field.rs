@@ -144,3 +144,24 @@ fn answering_module(reply_from: u8, reply_to: u8) -> std::net::SocketAddr {
     });
     address
 }
+
+#[test]
+fn a_statusword_is_shown_in_words() {
+    let shown = run::ok(&["get", "sim:cia402?time=virtual", "statusword", "6041h"]);
+    let word = "statusword = 0x0250 (switch on disabled, voltage enabled, remote)\n";
+    assert_eq!(shown, word.repeat(2));
+    let listed = run::ok(&["params", "cia402", "statusword"]);
+    assert!(listed.contains("bit 10") && listed.contains("target reached"), "{listed}");
+}
+
+#[test]
+fn signals_are_read_by_their_names() {
+    for url in ["sim:cia402", "sim:tmcm-1140", "sim:tml", "sim:syntron-ts"] {
+        let shown = run::ok(&["get", &format!("{url}?time=virtual"), "position", "velocity"]);
+        assert_eq!(shown.lines().count(), 2, "{shown}");
+        assert!(shown.contains(" = 0 "), "{shown}");
+    }
+    // A write means a parameter.
+    let refused = polepair(&["set", "sim:cia402?time=virtual", "position=0"]);
+    assert!(refused.code == 2 && refused.err.contains("error[E213]"), "{}", refused.err);
+}

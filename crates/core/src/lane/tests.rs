@@ -50,6 +50,7 @@ const fn parameter(name: &'static str, index: u16, unit: Unit, scale: Scale) -> 
         section: "",
         values: &[],
         digits: &[],
+        bits: &[],
     }
 }
 

@@ -55,6 +55,7 @@ impl ParameterAddress {
             section: "",
             values: &[],
             digits: &[],
+            bits: &[],
         }
     }
 }

@@ -5,9 +5,9 @@
 use polepair_core::axis::Verb;
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
-    ParameterId, Persistence, Profile, RelativeBase, Scale, Severity, Signal, SignalSource,
-    Watchdog,
+    Access, AxisKind, BitName, Certainty, Encoding, Fault, Identity, IdentityQuery, MotionRules,
+    Parameter, ParameterId, Persistence, Profile, RelativeBase, Scale, Severity, Signal,
+    SignalSource, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -16,7 +16,7 @@ const P: Parameter = Parameter {
     name: "", symbol: "", about: "", space: 0, index: 0, encoding: Encoding::I32,
     unit: Unit::None, scale: Scale::ONE, min: 0, max: 0, default: None,
     access: Access::ReadWrite, persistence: Persistence::Volatile,
-    certainty: Certainty::Documented, moves: false, section: "", values: &[], digits: &[],
+    certainty: Certainty::Documented, moves: false, section: "", values: &[], digits: &[], bits: &[],
 };
 
 #[rustfmt::skip]
@@ -103,7 +103,7 @@ static CIA402_PARAMETERS: [Parameter; 153] = [
     Parameter { name: "tpdo 4 entry 4", symbol: "1A03h:4", about: "Index in bits 16 to 31, sub-index in 8 to 15, bits in 0 to 7.", section: "CiA 301", space: 4, index: 0x1a03, encoding: Encoding::U32, unit: Unit::None, min: 0, max: 4294967295, access: Access::ReadWrite, persistence: Persistence::Storable, certainty: Certainty::Documented, ..P },
     Parameter { name: "error code", symbol: "603Fh", about: "What the last fault was; the same number as in the emergency.", section: "CiA 402-2", index: 0x603f, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
     Parameter { name: "controlword", symbol: "6040h", about: "Orders: 6 shutdown, 7 switch on, 15 enable; bit 4 new set-point or start of homing, bit 5 at once, bit 6 relative, bit 7 fault reset, bit 8 halt.", section: "CiA 402-2", index: 0x6040, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::ReadWrite, persistence: Persistence::Volatile, certainty: Certainty::Documented, moves: true, ..P },
-    Parameter { name: "statusword", symbol: "6041h", about: "States in bits 0 to 3, 5 and 6; bit 10 target reached, 11 internal limit, 12 and 13 by mode.", section: "CiA 402-2", index: 0x6041, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, ..P },
+    Parameter { name: "statusword", symbol: "6041h", about: "States in bits 0 to 3, 5 and 6; bit 10 target reached, 11 internal limit, 12 and 13 by mode.", section: "CiA 402-2", index: 0x6041, encoding: Encoding::U16, unit: Unit::None, min: 0, max: 65535, access: Access::Read, persistence: Persistence::Volatile, certainty: Certainty::Documented, bits: &[BitName { mask: 0x4f, value: 0x0, name: "not ready to switch on" }, BitName { mask: 0x4f, value: 0x40, name: "switch on disabled" }, BitName { mask: 0x6f, value: 0x21, name: "ready to switch on" }, BitName { mask: 0x6f, value: 0x23, name: "switched on" }, BitName { mask: 0x6f, value: 0x27, name: "operation enabled" }, BitName { mask: 0x6f, value: 0x7, name: "quick stop active" }, BitName { mask: 0x4f, value: 0xf, name: "fault reaction active" }, BitName { mask: 0x4f, value: 0x8, name: "fault" }, BitName { mask: 0x10, value: 0x10, name: "voltage enabled" }, BitName { mask: 0x80, value: 0x80, name: "warning" }, BitName { mask: 0x100, value: 0x100, name: "bit 8 (manufacturer)" }, BitName { mask: 0x200, value: 0x200, name: "remote" }, BitName { mask: 0x400, value: 0x400, name: "target reached" }, BitName { mask: 0x800, value: 0x800, name: "internal limit" }, BitName { mask: 0x1000, value: 0x1000, name: "bit 12 (set-point taken or homing attained or speed zero)" }, BitName { mask: 0x2000, value: 0x2000, name: "bit 13 (following error or homing error)" }, BitName { mask: 0x4000, value: 0x4000, name: "bit 14 (manufacturer)" }, BitName { mask: 0x8000, value: 0x8000, name: "bit 15 (manufacturer)" }], ..P },
     Parameter { name: "quick stop option", symbol: "605Ah", about: "What quick stop does.", section: "CiA 402-2", index: 0x605a, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Storable, certainty: Certainty::Documented, values: &[(0, "power off"), (1, "ramp, power off"), (2, "quick ramp, power off"), (3, "current limit, power off"), (5, "ramp, stay"), (6, "quick ramp, stay"), (7, "current limit, stay")], ..P },
     Parameter { name: "disable option", symbol: "605Ch", about: "What disabling does.", section: "CiA 402-2", index: 0x605c, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Storable, certainty: Certainty::Documented, values: &[(0, "power off"), (1, "ramp, power off")], ..P },
     Parameter { name: "halt option", symbol: "605Dh", about: "What halt does.", section: "CiA 402-2", index: 0x605d, encoding: Encoding::I16, unit: Unit::None, min: -32768, max: 32767, access: Access::ReadWrite, persistence: Persistence::Storable, certainty: Certainty::Documented, values: &[(1, "ramp, stay"), (2, "quick ramp, stay"), (3, "current limit, stay")], ..P },

@@ -16,7 +16,7 @@ const P: Parameter = Parameter {
     name: "", symbol: "", about: "", space: 0, index: 0, encoding: Encoding::I32,
     unit: Unit::None, scale: Scale::ONE, min: 0, max: 0, default: None,
     access: Access::ReadWrite, persistence: Persistence::Volatile,
-    certainty: Certainty::Documented, moves: false, section: "", values: &[], digits: &[],
+    certainty: Certainty::Documented, moves: false, section: "", values: &[], digits: &[], bits: &[],
 };
 
 /// A variable that is known from the memory map alone.

@@ -1,17 +1,18 @@
 //! Converts outcomes to errors: request, result, and what to try.
 
 use super::LocalAxis;
+use super::unmet_wait::MODE_HINT;
 use crate::duplicate_address::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::{ARMING_HINT, Error};
 use crate::identification::Identification;
 use crate::no_reply::NoReplyDetails;
 use crate::registry;
 use crate::url::AxisNumber;
-use polepair_core::axis::{MotionReport, Refusal, UnmetWait, Verb};
+use polepair_core::axis::{MotionReport, Refusal, Verb};
 use polepair_core::error::{Extent, Failure, Outcome, Unsupported};
 use polepair_core::judge::{EndReason, LimitEnd};
 use polepair_core::lane::write_steps;
-use polepair_core::plan::{Compare, Operand, Step};
+use polepair_core::plan::{Argument, Operand, Step};
 use polepair_core::profile::{Encoding, Fault, ParameterId, Signal, Watchdog};
 use polepair_link::Cause;
 
@@ -30,9 +31,6 @@ pub(crate) enum RequestKind {
     Command,
 }
 
-/// Hint for a drive that refuses another mode of operation.
-const MODE_HINT: &str =
-    "some drives change their mode only without power: `polepair disable` first";
 /// Steps that are named one by one at most.
 const NAMED_STEPS_MAX: usize = 6;
 
@@ -389,7 +387,14 @@ impl LocalAxis {
                 "check what blocks it, and whether another master controls the drive",
             ),
         };
-        (format!("{text}{others}"), hint.to_owned())
+        let hint = match self.destination(Verb::MoveTo, Argument::Velocity).flatten() {
+            // A speed of 0 is obeyed as well: nothing moves.
+            Some(speed) if matches!(reason, EndReason::NotStarted) && places.is_some() => {
+                format!("{hint}; if `{}` is 0, give the move a speed (--vel)", speed.name)
+            }
+            _ => hint.to_owned(),
+        };
+        (format!("{text}{others}"), hint)
     }
 
     /// The other drives of a group that are elsewhere.
@@ -423,37 +428,6 @@ impl LocalAxis {
              motor is at its target"
         };
         (format!("the motion was started; {text}"), hint.to_owned())
-    }
-
-    /// The expected state of a wait, and the state that was read instead.
-    fn unmet_wait_reason(&self) -> (String, String) {
-        const HINT: &str = "check whether something blocks it";
-        let unmet = self.connection.with_axes(|axes, _| axes.unmet_wait(self.index));
-        let unmet = unmet.and_then(|unmet| Some((unmet, self.parameter(unmet.parameter)?)));
-        let Some((unmet, parameter)) = unmet else {
-            return ("not reached in time".to_owned(), HINT.to_owned());
-        };
-        let UnmetWait { test, value, .. } = unmet;
-        let (name, wanted) = (parameter.name, test.value);
-        let reason = match (test.compare, test.mask) {
-            (Compare::Equal, -1) => {
-                format!(
-                    "`{name}` stayed {}, not {}",
-                    value_word(value, parameter.values),
-                    value_word(wanted, parameter.values)
-                )
-            }
-            (Compare::Equal, mask) if mask != -1 => {
-                format!("`{name}` stayed 0x{value:X}, its bits 0x{mask:X} not 0x{wanted:X}")
-            }
-            (Compare::NotEqual, mask) if mask != -1 => {
-                format!("`{name}` stayed 0x{value:X}, its bits 0x{mask:X} still 0x{wanted:X}")
-            }
-            _ => format!("`{name}` stayed {}", value_word(value, parameter.values)),
-        };
-        let mode = self.profile.signal(Signal::Mode).map(|source| source.parameter);
-        let hint = if mode == Some(unmet.parameter) { MODE_HINT } else { HINT };
-        (format!("not reached in time: {reason}"), hint.to_owned())
     }
 
     fn mode_text(&self, mode: i64) -> String {
@@ -640,7 +614,7 @@ impl LocalAxis {
     }
 }
 
-fn value_word(raw: i64, parameter_values: &[(i64, &'static str)]) -> String {
+pub(super) fn value_word(raw: i64, parameter_values: &[(i64, &'static str)]) -> String {
     match parameter_values.iter().find(|(known, _)| *known == raw) {
         Some((_, word)) => format!("{raw} ({word})"),
         None => raw.to_string(),

@@ -59,6 +59,7 @@ fn code_value(raw: i64, encoding: Encoding) -> Value {
         step: 1.0,
         unit: Unit::None,
         word: None,
+        bits: &[],
         encoding,
         is_raw: true,
     }

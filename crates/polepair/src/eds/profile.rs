@@ -149,6 +149,7 @@ fn sheet_parameter(
         section: String::new(),
         values: Vec::new(),
         digits: Vec::new(),
+        bits: Vec::new(),
     }
 }
 

@@ -1,9 +1,8 @@
 //! Values that are words of decimal digits, each with a meaning of its own.
 
 use super::draft::{DraftDigits, own_words};
-use super::read::read_values;
 use super::resolve::leak_words;
-use crate::toml_file::{FileError, TomlTable};
+use crate::toml_file::{FileError, TomlTable, parse_number};
 use polepair_core::profile::DigitField;
 
 /// Most digits of a field: more do not fit into 32 bits.
@@ -27,6 +26,22 @@ fn read_field(node: &TomlTable<'_, '_>) -> Result<DraftDigits, FileError> {
         return Err(node.location().error(reason));
     }
     Ok(DraftDigits { name, places, max, values })
+}
+
+/// Reads names of raw values.
+pub(super) fn read_values(table: &TomlTable<'_, '_>) -> Result<Vec<(i64, String)>, FileError> {
+    let Some(node) = table.table("values", &[])? else { return Ok(Vec::new()) };
+    let mut values = Vec::new();
+    for key in node.keys() {
+        let word = node.required_text(key.value)?.value;
+        let raw = key.try_map(|key| {
+            parse_number(key).ok_or_else(|| format!("`{key}` is not a whole number, decimal or 0x"))
+        })?;
+        values.push((raw, word));
+    }
+    // TOML tables have no order, and two runs must make the same file.
+    values.sort();
+    Ok(values)
 }
 
 pub(super) fn copy(field: &DigitField) -> DraftDigits {

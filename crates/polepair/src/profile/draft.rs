@@ -3,7 +3,7 @@
 //! This makes `extends` simple: a base profile becomes a draft, the file's entries replace those with the
 //! same name, and everything is checked once at the end.
 
-use super::digits;
+use super::{bits, digits};
 use crate::toml_file::{FileLocation, Located};
 use polepair_core::axis::Verb;
 use polepair_core::plan::ParameterTest;
@@ -130,6 +130,15 @@ pub(crate) struct DraftParameter {
     pub(crate) section: String,
     pub(crate) values: Vec<(i64, String)>,
     pub(crate) digits: Vec<DraftDigits>,
+    pub(crate) bits: Vec<DraftBits>,
+}
+
+/// A pattern of bits with a name of its own.
+#[derive(Clone, Debug)]
+pub(crate) struct DraftBits {
+    pub(crate) mask: i64,
+    pub(crate) value: i64,
+    pub(crate) name: String,
 }
 
 /// Digits of a value with a meaning of their own.
@@ -333,6 +342,7 @@ impl NameLookup<'_> {
             section: p.section.into(),
             values: own_words(p.values),
             digits: p.digits.iter().map(digits::copy).collect(),
+            bits: p.bits.iter().map(bits::copy).collect(),
         }
     }
 

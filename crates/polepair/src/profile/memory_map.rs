@@ -182,6 +182,7 @@ fn undescribed(entry: &MapEntry<'_>, position: &FileLocation) -> DraftParameter 
         section: String::new(),
         values: Vec::new(),
         digits: Vec::new(),
+        bits: Vec::new(),
     }
 }
 

@@ -23,6 +23,7 @@
 //! # Ok::<(), polepair::FileError>(())
 //! ```
 
+mod bits;
 mod blocks;
 mod catalogue;
 mod digits;

@@ -1,12 +1,13 @@
 //! Converts TOML to a draft. Unknown keys and values are errors.
 
+use super::digits::read_values;
 use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan, DraftRam,
     DraftWatchdog, ENTRIES_MAX,
 };
-use super::{blocks, digits, memory_map, signals};
+use super::{bits, blocks, digits, memory_map, signals};
 use crate::spelling;
-use crate::toml_file::{FileError, Located, SourceText, TomlTable, parse_number};
+use crate::toml_file::{FileError, Located, SourceText, TomlTable};
 use polepair_core::axis::Verb;
 use polepair_core::convert::saturating;
 use polepair_core::profile::{
@@ -45,7 +46,7 @@ const KEYS: [&str; 26] = [
     "plans",
 ];
 
-const PARAMETER_KEYS: [&str; 20] = [
+const PARAMETER_KEYS: [&str; 21] = [
     "name",
     "symbol",
     "about",
@@ -65,6 +66,7 @@ const PARAMETER_KEYS: [&str; 20] = [
     "section",
     "values",
     "digits",
+    "bits",
     "repeat",
 ];
 
@@ -521,6 +523,7 @@ impl ProfileReader {
             section: optional_text(table, "section")?,
             values: read_values(table)?,
             digits: digits::read(table)?,
+            bits: bits::read(table)?,
         })
     }
 
@@ -644,21 +647,6 @@ fn read_scale(table: &TomlTable<'_, '_>) -> Result<ScaleParts, FileError> {
         found.try_map(|f| if f == 0.0 { Err("a scale cannot be 0".into()) } else { Ok(f) })
     });
     Ok((factor.transpose()?.unwrap_or(1.0), times, over, rule))
-}
-
-pub(super) fn read_values(table: &TomlTable<'_, '_>) -> Result<Vec<(i64, String)>, FileError> {
-    let Some(node) = table.table("values", &[])? else { return Ok(Vec::new()) };
-    let mut values = Vec::new();
-    for key in node.keys() {
-        let word = node.required_text(key.value)?.value;
-        let raw = key.try_map(|key| {
-            parse_number(key).ok_or_else(|| format!("`{key}` is not a whole number, decimal or 0x"))
-        })?;
-        values.push((raw, word));
-    }
-    // TOML tables have no order, and two runs must make the same file.
-    values.sort();
-    Ok(values)
 }
 
 fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {

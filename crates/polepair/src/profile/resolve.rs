@@ -1,6 +1,5 @@
 //! Converts a draft to a profile: replaces names by ids, and checks everything.
 
-use super::digits;
 use super::draft::{
     Draft, DraftCoupling, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan,
     DraftRam, DraftSignal, DraftStep, DraftWatchdog, ParameterName,
@@ -8,6 +7,7 @@ use super::draft::{
 use super::read::MEMORY_PROTOCOL;
 use super::step;
 use super::stops::with_stop;
+use super::{bits, digits};
 use crate::spelling::{fold, suggestion};
 use crate::toml_file::{FileError, FileLocation};
 use polepair_core::axis::Verb;
@@ -220,6 +220,7 @@ impl<'a> NameResolver<'a> {
             section: leak_text(&p.section),
             values: leak_words(&p.values),
             digits: digits::leak(&p.digits),
+            bits: bits::leak(&p.bits),
         })
     }
 

@@ -1,7 +1,8 @@
 //! Reads which parameters are the signals of a drive, and by what the end of its motions is judged.
 
+use super::digits::read_values;
 use super::draft::{Draft, DraftCoupling, DraftSignal};
-use super::read::{optional_choice, read_values};
+use super::read::optional_choice;
 use super::step;
 use crate::toml_file::{FileError, TomlTable};
 use polepair_core::profile::{RelativeBase, Signal};

@@ -359,4 +359,5 @@ pub(super) const P: Parameter = Parameter {
     section: "",
     values: &[],
     digits: &[],
+    bits: &[],
 };

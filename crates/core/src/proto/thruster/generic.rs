@@ -92,5 +92,6 @@ const fn reading(
         section: "2.1",
         values: &[],
         digits: &[],
+        bits: &[],
     }
 }

@@ -84,6 +84,7 @@ const fn axis(index: u16, name: &'static str, symbol: &'static str) -> Parameter
         section: "TMCL reference, axis parameters",
         values: &[],
         digits: &[],
+        bits: &[],
     }
 }
 

@@ -97,6 +97,7 @@ const fn variable(
         section: "TML communication manual; vendor library TML_LIB_light",
         values: &[],
         digits: &[],
+        bits: &[],
     }
 }
 

@@ -95,5 +95,6 @@ const fn register(name: &'static str, index: u16, access: Access) -> Parameter {
         section: "",
         values: &[],
         digits: &[],
+        bits: &[],
     }
 }

@@ -37,6 +37,7 @@ const fn parameter(space: u8, index: u16, encoding: Encoding) -> Parameter {
         section: "",
         values: &[],
         digits: &[],
+        bits: &[],
     }
 }
 
