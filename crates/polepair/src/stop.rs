@@ -247,8 +247,10 @@ fn stop_on_lines(
     stopped: &mut LinkStopReport,
     on_event: StopObserver<'_>,
 ) -> Result<(), Error> {
+    // Each line of a wire has one of its own, unless the caller sent it.
+    let is_sent = stopped.broadcast;
     for line in lines {
-        if url.axes.is_empty() && !stopped.broadcast {
+        if url.axes.is_empty() && !is_sent {
             // Before the search: it reaches in one frame all drives that obey it, and costs no reply.
             stopped.broadcast |= broadcast_stop(connector, url, line, how.command())?;
         }
