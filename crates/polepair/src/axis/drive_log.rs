@@ -337,7 +337,7 @@ impl LocalAxis {
             return Err(Error::usage("E217", what, "such as `actual position > 1 turn`"));
         };
         let id = self.find(name)?;
-        let raw = self.raw_of(id, &Amount::from(value))?;
+        let raw = self.raw_within_limits(id, &Amount::from(value))?;
         let value = self.value(id, raw)?.value;
         Ok(DriveLogCondition { id, comparison, value, text: text.to_owned() })
     }

@@ -234,7 +234,8 @@ impl LocalAxis {
                 let id = self.watchdog_parameter();
                 let id = id.ok_or_else(|| self.unsupported_error(WHAT, Unsupported::NoPlan))?;
                 let after = after.unwrap_or_default();
-                let raw = self.raw_of(id, &Amount::Text(format!("{} s", after.as_secs_f64())))?;
+                let text = Amount::Text(format!("{} s", after.as_secs_f64()));
+                let raw = self.raw_within_limits(id, &text)?;
                 // What is more than nothing must not be rounded to never.
                 let raw = if after.is_zero() { 0 } else { raw.max(1) };
                 if self.parameter(id).is_some_and(|p| p.access == Access::Write) {
