@@ -23,7 +23,8 @@ const PROBES: [CommandWord; 5] =
 pub(super) struct NodeState {
     /// Format of the replies to TC and VC.
     pub reply_format: ReplyFormat,
-    /// The format is [`Silent`](ReplyFormat::Silent) by what was seen, not by a VM of this session.
+    /// The format is [`Silent`](ReplyFormat::Silent) because output commands had no reply, not because this host
+    /// set VM.
     pub is_silence_observed: bool,
     /// True once it has replied.
     pub has_answered: bool,
