@@ -269,9 +269,23 @@ impl Emitter {
                 let parameter = parameter_id(parameter);
                 format!("Watchdog::Configurable {{ parameter: {parameter}, on_can: {on_can} }}")
             }
-            Watchdog::Heartbeat { consumer, reaction } => {
+            Watchdog::LifeGuarding { objects, reaction } => {
+                let [period, factor] = objects.map(parameter_id);
+                let reaction = optional_id(reaction);
+                format!(
+                    "Watchdog::LifeGuarding {{ objects: [{period}, {factor}], reaction: {reaction} }}"
+                )
+            }
+            Watchdog::Heartbeat { consumer, reaction, life_guarding } => {
                 let (consumer, reaction) = (parameter_id(consumer), optional_id(reaction));
-                format!("Watchdog::Heartbeat {{ consumer: {consumer}, reaction: {reaction} }}")
+                let life_guarding = life_guarding.map_or("None".to_owned(), |ids| {
+                    let [period, factor] = ids.map(parameter_id);
+                    format!("Some([{period}, {factor}])")
+                });
+                format!(
+                    "Watchdog::Heartbeat {{ consumer: {consumer}, reaction: {reaction}, \
+                     life_guarding: {life_guarding} }}"
+                )
             }
         };
         let identity = p.identity.map_or("None".to_owned(), |it| {

@@ -110,11 +110,17 @@ fn watchdog_text(profile: &Profile) -> String {
             let parameter = parameter_name(profile, parameter);
             format!("the drive stops after the time in {parameter}{on_can}; 0 switches it off")
         }
-        Watchdog::Heartbeat { consumer, reaction: None } => format!(
+        Watchdog::LifeGuarding { objects: [period, factor], .. } => format!(
+            "the drive reacts if its master does not guard it for {} times {}; this software does \
+             not guard",
+            parameter_name(profile, period),
+            parameter_name(profile, factor)
+        ),
+        Watchdog::Heartbeat { consumer, reaction: None, .. } => format!(
             "the drive stops if the heartbeat in {} is missing; 0 switches it off",
             parameter_name(profile, consumer)
         ),
-        Watchdog::Heartbeat { consumer, reaction: Some(reaction) } => format!(
+        Watchdog::Heartbeat { consumer, reaction: Some(reaction), .. } => format!(
             "the drive reacts as set in {} if the heartbeat in {} is missing; if either is 0, \
              it continues",
             parameter_name(profile, reaction),

@@ -3,6 +3,7 @@
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 
+use polepair::no_reply::wiring_hint;
 use polepair::scan::{self, ScanAddresses};
 use polepair::url::{LinkTarget, Url};
 use polepair::{Axis, Connector};
@@ -39,7 +40,7 @@ pub fn with_stations(target: DriveArgs) -> Result<DriveArgs> {
         let what = "no station answered, so nothing shows who obeys a broadcast.".to_owned();
         return Err(Problem::new(Exit::NoReply, "E403", what)
             .why("Nothing was sent.")
-            .hint("power, wiring (A and B may be swapped), and the baud rate in the URL"));
+            .hint(wiring_hint(false)));
     }
     let named = stations.iter().map(u32::to_string).collect::<Vec<_>>().join(",");
     Ok(target.at(format!("{url}#g*,{named}")))

@@ -230,7 +230,8 @@ fn execute_motion(
         _ => ARRIVE_MAX,
     };
     // One span for all of it: homing is part of the command, the way to a target is not.
-    let deadline = session.now() + within;
+    let begin = session.now();
+    let deadline = begin + within;
     let mut measured = report::MeasuredMotion::default();
     let mut unconfirmed = None;
     // Refusals come before anything has power.
@@ -251,7 +252,11 @@ fn execute_motion(
                 }
                 held.and_then(|()| unconfirmed.take().map_or(Ok(()), Err))
             }
-            MotionMode::Arrive(_) => wait_arrival(commands, deadline),
+            MotionMode::Arrive(_) => {
+                wait_arrival(commands, deadline)?;
+                measured.note_emergencies(commands, begin);
+                Ok(())
+            }
             MotionMode::Detach => Ok(()),
         });
     if then == MotionMode::Detach && ended.is_ok() {
@@ -420,6 +425,7 @@ fn watch_motion(
     let pause = |until: Instant| clock.sleep(until.since(clock.now()));
     hold_while(seconds, (&|| clock.now(), &pause), |now| {
         monitors.iter_mut().try_for_each(MotionMonitor::check).map_err(to_problem)?;
+        monitors.iter_mut().flat_map(MotionMonitor::take_notes).for_each(|note| print_note(&note));
         live.show(now, commands)
     })?;
     for monitor in monitors {

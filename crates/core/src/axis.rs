@@ -24,7 +24,7 @@ pub use axes::{
 };
 pub use event::{AxisEvent, AxisEventKind, DriveReport, Presence, REPORTS_MAX};
 pub use rehearsal::{RehearsalAction, RehearsalStep, TextRehearsal};
-pub use status::{AxisStatus, MotionReport, ProgramEnd, Reading};
+pub use status::{AxisStatus, Emergency, MotionReport, ProgramEnd, Reading};
 
 /// A part of an axis' stop.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -283,6 +283,16 @@ pub enum Watchdog {
         /// Parameter with the reaction: 0 is nothing, 1 fault, 2 power off, 3 quick stop (CiA 402-2, 6007h).
         /// `None` for a drive that always stops.
         reaction: Option<ParameterId>,
+        /// Parameters of life guarding, the older way: the period of the master's requests, and the number of them
+        /// after which the drive reacts; 0 in either is never (CiA 301, 7.2.8.2.2, 100Ch and 100Dh).
+        life_guarding: Option<[ParameterId; 2]>,
+    },
+    /// The drive knows life guarding alone.
+    LifeGuarding {
+        /// Period of the master's requests, and the number of them after which the drive reacts.
+        objects: [ParameterId; 2],
+        /// Parameter with the reaction, see [`Heartbeat`](Self::Heartbeat).
+        reaction: Option<ParameterId>,
     },
 }
 

@@ -23,6 +23,7 @@ mod cyclic;
 mod data;
 mod device_details;
 pub mod drive_log;
+mod emergency;
 mod failure;
 mod instructions;
 mod mode;

@@ -244,6 +244,8 @@ fn find_drives(
     let mut wanted = if named { line.axis_numbers.clone() } else { scan::default_addresses(line)? };
     wanted.retain(|number| !AxisNumber(*number).is_group());
     wanted.truncate(if named { wanted.len() } else { UNNAMED_PROBES_MAX });
+    let is_can = line.protocol.medium == polepair_core::medium::MediumKind::Can;
+    let silent_remedy = if is_can { SILENT_ON_CAN_REMEDY } else { SILENT_REMEDY };
     let chosen = connector.chosen_profile(url, &line.protocol)?;
     let prober = Prober::new(line, &connector.config).scanning();
     let (mut found, mut damaged, mut answers, mut misaddressed) = (Vec::new(), 0, false, None);
@@ -292,7 +294,7 @@ fn find_drives(
                     &about,
                     Exit::NoReply,
                     "does not answer",
-                    SILENT_REMEDY,
+                    silent_remedy,
                 ));
             }
             ProbeResult::Silent(details) => misaddressed = misaddressed.or(details.other_address),
@@ -313,7 +315,7 @@ fn find_drives(
             ),
             None => (
                 format!("none of the addresses {numbers} answers"),
-                format!("{SILENT_REMEDY}; `polepair scan` tries every address"),
+                format!("{silent_remedy}; `polepair scan` tries every address"),
             ),
         };
         on_event(CheckResult::wrong("address", Exit::NoReply, text, remedy));
@@ -321,9 +323,10 @@ fn find_drives(
     Ok(found)
 }
 
-const SILENT_REMEDY: &str = "the drive's power, A and B (or RX and TX) swapped, the common \
- ground, its \
-                      address, the baud or bit rate";
+const SILENT_REMEDY: &str = "the drive's power, A and B (or RX and TX) swapped, the common ground, its address, \
+                             the baud rate";
+const SILENT_ON_CAN_REMEDY: &str = "the drive's power, CAN_H and CAN_L, a 120 ohm resistor at both ends, its address, \
+                                    the bit rate";
 const DAMAGED_REMEDY: &str = "another baud rate, two drives with one address, a missing \
  terminator or \
                        common ground; --try-bauds tries other rates";

@@ -38,6 +38,17 @@ pub struct NoReplyDetails {
     pub bytes: u16,
 }
 
+/// Remedy where no frame came from any address of a wire.
+#[must_use]
+pub const fn wiring_hint(on_can: bool) -> &'static str {
+    if on_can {
+        "power, CAN_H and CAN_L, a 120 ohm resistor at both ends (60 ohm between the wires with the \
+         power off), and the bit rate in the URL"
+    } else {
+        "power, wiring (A and B may be swapped), and the baud rate in the URL"
+    }
+}
+
 /// Likely cause, the most certain first.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[non_exhaustive]

@@ -301,6 +301,7 @@ fn build_driver<P: Protocol>(
 pub(crate) struct SenderDetector {
     /// The one question that every drive answers, if there is one.
     pub(crate) question: Option<Frame>,
+    presence: fn(&HostOptions, u32) -> Option<Frame>,
     sender: fn(&HostOptions, &Frame) -> Option<u32>,
     options: HostOptions,
 }
@@ -308,9 +309,14 @@ pub(crate) struct SenderDetector {
 impl SenderDetector {
     /// For the protocol of that word on CAN.
     pub(crate) fn new(protocol: &str, options: HostOptions) -> Self {
-        let mut made = Self { question: None, sender: |_, _| None, options };
+        let mut made = Self { question: None, presence: |_, _| None, sender: |_, _| None, options };
         proto::visit_protocols(&mut SenderDetectorBuilder { protocol, detector: &mut made });
         made
+    }
+
+    /// The question to the drive at one address that it answers with its address.
+    pub(crate) fn presence_frame(&self, address: u32) -> Option<Frame> {
+        (self.presence)(&self.options, address)
     }
 
     /// The address of the drive that sent a frame, if the frame contains it.
@@ -328,6 +334,7 @@ impl proto::ProtocolVisitor for SenderDetectorBuilder<'_> {
     fn visit_protocol<P: Protocol>(&mut self) {
         if P::NAME == self.protocol && P::Medium::KIND == MediumKind::Can {
             self.detector.question = P::discovery_frame(&self.detector.options);
+            self.detector.presence = P::presence_frame;
             self.detector.sender = P::frame_sender;
         }
     }

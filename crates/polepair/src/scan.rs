@@ -37,6 +37,12 @@ const ADDRESSES_MAX: usize = 256;
 /// of them, after the last that did.
 const LISTEN_MS: u32 = 150;
 const ANSWERS_MS: u32 = 250;
+/// Requests that are sent in a row, and the pause after them: an adapter's queue holds about ten frames, which take
+/// 13 ms at 125 kbit/s.
+const BURST: usize = 8;
+const BURST_PAUSE_MS: u32 = 15;
+/// Times that a silent address is asked among all: one request may be lost on a bus with other traffic.
+const ROUNDS: usize = 2;
 /// Frames that a scan listens to at most.
 const FRAMES_MAX: usize = 20_000;
 
@@ -57,6 +63,8 @@ pub struct ScanReport {
     pub not_queried: usize,
     /// Frames received from silent addresses.
     pub received: NoReplyDetails,
+    /// The wire is a CAN bus.
+    pub on_can: bool,
     /// A CANopen device without node-ID answered: [`LssMaster`](crate::lss::LssMaster) gives it one.
     /// Asked for where all addresses are.
     pub has_unconfigured: bool,
@@ -279,7 +287,7 @@ fn addresses_to_query(
         (SharedLink::Can(_), _, rate) => format!(" at {rate} bit/s"),
     };
     wanted.retain(|number| line.options.is_distinct_address(*number));
-    let (Some(first), Some(last)) = (wanted.first(), wanted.last()) else {
+    let (Some(&first), Some(&last)) = (wanted.first(), wanted.last()) else {
         tried.push(format!("not {protocol} on {name}: no drive can have such an address on it"));
         return Ok(wanted);
     };
@@ -294,6 +302,15 @@ fn addresses_to_query(
             received.extend(listen_for_senders(link, &listener, answers_ms, broken)?);
             wanted.retain(|number| received.contains(number));
             text.push_str(", all with one request");
+        } else if wanted.len() > 1 && listener.presence_frame(first).is_some() {
+            let present = find_present(link, &listener, &wanted, broken)?;
+            if present.is_empty() {
+                // The questions to these two show what happens on a bus where no drive answers.
+                wanted = vec![first, last];
+            } else {
+                wanted.retain(|number| present.contains(number));
+            }
+            text.push_str(", all at once");
         }
         // Only a search of all addresses takes in what it did not ask for.
         received.retain(|number| every && !wanted.contains(number));
@@ -303,6 +320,32 @@ fn addresses_to_query(
     }
     tried.push(format!("{protocol} on {name}{rate}, {text}"));
     Ok(wanted)
+}
+
+/// The addresses whose drives answer, asked without a wait between them.
+fn find_present(
+    link: &CountedLink<Can>,
+    listener: &SenderDetector,
+    wanted: &[u32],
+    broken: &dyn Fn() -> bool,
+) -> Result<Vec<u32>, Error> {
+    let mut present = Vec::new();
+    for _ in 0..ROUNDS {
+        let silent: Vec<u32> = wanted.iter().filter(|n| !present.contains(*n)).copied().collect();
+        for burst in silent.chunks(BURST) {
+            for question in burst.iter().filter_map(|number| listener.presence_frame(*number)) {
+                link.send(&question)?;
+            }
+            let pause_ms = clock::scaled_ms(BURST_PAUSE_MS);
+            present.extend(listen_for_senders(link, listener, pause_ms, broken)?);
+        }
+        let answers_ms = clock::scaled_ms(ANSWERS_MS);
+        present.extend(listen_for_senders(link, listener, answers_ms, broken)?);
+        if broken() {
+            break;
+        }
+    }
+    Ok(present)
 }
 
 /// Active senders, until no new one appears for a time.

@@ -17,6 +17,7 @@
 //! # Ok::<(), polepair::Error>(())
 //! ```
 
+mod broadcast;
 mod other_rates;
 mod unidentified;
 
@@ -33,15 +34,14 @@ use crate::no_reply::NoReplyDetails;
 use crate::protocol_line::ProtocolLine;
 use crate::scan::{self, DetectedDrive, ScanProgress};
 use crate::url::{AxisNumber, LinkTarget, Url};
-use crate::wire::{CountedLink, SharedLink};
+use crate::wire::SharedLink;
+use broadcast::{broadcast_stop, send_broadcast};
 use other_rates::{stated_rate, stop_at_other_rates};
-use polepair_core::axis::{Command, ProgramEnd, RehearsalAction, Verb};
+use polepair_core::axis::{Command, ProgramEnd, Verb};
 use polepair_core::error::{Failure, Outcome};
-use polepair_core::medium::{Can, Frame, Medium, Stream};
 use polepair_core::profile::Profile;
 use polepair_core::proto::{sub_axis, with_sub_axis};
-use polepair_core::station::AxisIndex;
-use polepair_link::{LinkIo as _, Received, clock};
+use polepair_link::clock;
 use std::ops::ControlFlow;
 use std::time::Duration;
 use unidentified::SharedStop;
@@ -63,15 +63,11 @@ const REIDENTIFY_PAUSE: Duration = Duration::from_millis(50);
 const STOP_WAIT_MAX: Duration = Duration::from_millis(150);
 /// Time that a named silent drive may delay the others, after all stops were sent.
 const SILENT_STOP_WAIT_MAX: Duration = Duration::from_secs(1);
-/// Silence after each frame to everybody: more than drives that end frames by silence need.
-const BROADCAST_PAUSE_MS: u32 = 30;
 /// Motors behind one address at most: a TMCL parameter number shares its byte with four bits of them.
 const MOTORS_MAX: u8 = 16;
 /// Silent motors in a row after which the drive counts as gone.
 // Modules refuse numbers beyond their motors; one that is silent at four in a row is not there.
 const SILENT_MOTORS_MAX: u8 = 4;
-/// Maximum number of units received in such a silence.
-const UNITS_MAX: usize = 1_000;
 
 /// The result of a stop.
 #[derive(Debug, Default)]
@@ -94,6 +90,8 @@ pub struct LinkStopReport {
     pub reply_timeout: Option<Duration>,
     /// Frames received from silent addresses that were not named.
     pub received: NoReplyDetails,
+    /// The wire is a CAN bus.
+    pub on_can: bool,
     /// Addresses that there was no time left for: first, last.
     pub not_queried: Option<(u32, u32)>,
 }
@@ -260,70 +258,6 @@ fn stop_on_lines(
     Ok(())
 }
 
-/// Sends the requests of the stop that need no reply as broadcast. `false` if the protocol has no
-/// broadcast, or the stop of these drives is unknown.
-fn broadcast_stop(
-    connector: &Connector,
-    url: &Url,
-    line: &ProtocolLine,
-    command: Command,
-) -> Result<bool, Error> {
-    let profile = connector.chosen_profile(url, &line.protocol)?.unwrap_or(line.protocol.generic);
-    send_broadcast(line, profile, command)
-}
-
-fn send_broadcast(
-    line: &ProtocolLine,
-    profile: &'static Profile,
-    command: Command,
-) -> Result<bool, Error> {
-    let Some(address) = line.protocol.broadcast else { return Ok(false) };
-    let connection = line.open_connection(&[(profile, address)])?;
-    let (mut runs, mut frames, mut open) = (Vec::new(), Vec::new(), true);
-    connection.with_axes(|axes, _| {
-        // It ends at the first step that asks, which an address of everybody's cannot.
-        let _ = axes.rehearse(AxisIndex(0), command, &mut |step| {
-            open &= matches!(
-                step.action,
-                RehearsalAction::Write(..) | RehearsalAction::Send | RehearsalAction::EndProgram
-            );
-            match (open, step.frame) {
-                (true, Some(frame)) => frames.push(*frame),
-                (true, None) => runs.push(step.bytes.to_vec()),
-                (false, _) => {}
-            }
-        });
-    });
-    match &line.link {
-        SharedLink::Serial(link) => {
-            for run in &runs {
-                link.send(run)?;
-                // A broadcast has no reply to wait for; a request right behind it would be lost in drives that are
-                // busy with it.
-                wait_silence::<Stream>(link, &mut [0; 64])?;
-            }
-        }
-        SharedLink::Can(link) => {
-            for frame in &frames {
-                link.send(frame)?;
-            }
-            wait_silence::<Can>(link, &mut Frame::default())?;
-        }
-    }
-    Ok(!runs.is_empty() || !frames.is_empty())
-}
-
-/// Lets the line be silent, whatever comes back.
-fn wait_silence<M: Medium>(link: &CountedLink<M>, buffer: &mut M::Out) -> Result<(), Error> {
-    let until = link.now().plus_ms(BROADCAST_PAUSE_MS);
-    for _ in 0..UNITS_MAX {
-        if matches!(link.receive(buffer, until)?, Received::TimedOut) {
-            break;
-        }
-    }
-    Ok(())
-}
-
 /// The search of a line for drives to stop.
 struct LineSearch<'a> {
     line: &'a ProtocolLine,
@@ -391,6 +325,7 @@ impl<'a> LineSearch<'a> {
         on_event: StopObserver<'_>,
     ) -> Result<Vec<DetectedDrive>, Error> {
         stopped.reply_timeout = self.reply_timeout;
+        stopped.on_can = matches!(self.line.link, SharedLink::Can(_));
         let mut waited = Duration::ZERO;
         let wanted = std::mem::take(&mut self.wanted);
         for (done, &number) in wanted.iter().enumerate() {

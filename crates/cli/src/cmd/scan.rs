@@ -7,7 +7,7 @@ mod search_ports;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use clap::Args;
-use polepair::no_reply::{ACKNOWLEDGES, NoReplyCause};
+use polepair::no_reply::{ACKNOWLEDGES, NoReplyCause, wiring_hint};
 use polepair::scan::ScanAddresses;
 use polepair::search::is_port_name;
 use polepair::url::shell_word;
@@ -114,21 +114,22 @@ impl ScanCommand {
             return Err(Problem::interrupted());
         }
         if scan.found.is_empty() {
-            return Err(Problem::new(Exit::NoReply, "E403", "no drive answered.")
+            let silent = Problem::new(Exit::NoReply, "E403", "no drive answered.")
                 .why(outcome::unanswered_text(&scan.received))
                 .hint(match scan.received.cause() {
-                    NoReplyCause::NothingReceived => {
-                        "power, wiring (A and B may be swapped), and the baud rate in the URL"
-                            .into()
-                    }
+                    NoReplyCause::NothingReceived => wiring_hint(scan.on_can).into(),
                     NoReplyCause::Acknowledged => ACKNOWLEDGES.into(),
                     _ => scan.received.hint(),
-                })
-                .hint(
+                });
+            let silent = if scan.on_can {
+                silent
+            } else {
+                silent.hint(
                     "`polepair doctor URL --try-bauds` tries other baud rates, and finds a module \
                      in ASCII mode",
                 )
-                .hint("`polepair ports` lists the adapters"));
+            };
+            return Err(silent.hint("`polepair ports` lists the adapters"));
         }
         conflicts_result(
             scan.found.iter().filter(|found| found.clash.is_some()).count(),

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use clap::Args;
 use polepair::Error;
 use polepair::axis::Standstill;
-use polepair::no_reply::NoReplyDetails;
+use polepair::no_reply::{NoReplyDetails, wiring_hint};
 use polepair::stop::{self as stopping, DrivePrograms, StopEvent, StopOptions};
 use polepair_client::message::{
     AxisInfo, AxisStopReport, StopClass, StopReport, StopRequest, UnreachedTarget,
@@ -399,11 +399,14 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
         } else {
             ""
         };
+        let asked = if stopped.on_can {
+            "asked all addresses at once".to_owned()
+        } else {
+            format!("asked {} addresses for {} ms each", stopped.queried, patience.as_millis())
+        };
         print_note(&format!(
-            "{output}asked {} addresses for {} ms each; a drive that replies later, or has \
-             another address, must be stopped by its number: polepair stop {}",
-            stopped.queried,
-            patience.as_millis(),
+            "{output}{asked}; a drive that replies later, or has another address, must be stopped \
+             by its number: polepair stop {}",
             shell_word(&format!("{link}#N"))
         ));
     }
@@ -424,7 +427,7 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
             // a stop.
             Some(unasked) => Err(unasked),
             None if tally.confirmed == 0 => {
-                Err(nobody_problem(stopped.broadcast, &stopped.received))
+                Err(nobody_problem(stopped.broadcast, stopped.on_can, &stopped.received))
             }
             None => Ok(Exit::Ok),
         };
@@ -433,7 +436,7 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     tally.conclude()
 }
 
-fn nobody_problem(everybody: bool, details: &NoReplyDetails) -> Problem {
+fn nobody_problem(everybody: bool, on_can: bool, details: &NoReplyDetails) -> Problem {
     let output = if everybody {
         "A broadcast stop was sent, and no drive confirmed it."
     } else {
@@ -443,7 +446,7 @@ fn nobody_problem(everybody: bool, details: &NoReplyDetails) -> Problem {
         .why(format!("{} {output}", outcome::unanswered_text(details)))
         .hint("cut the power if a motor turns");
     if details.is_nothing() {
-        problem.hint("power, wiring (A and B may be swapped), and the baud rate in the URL")
+        problem.hint(wiring_hint(on_can))
     } else {
         problem.hint(details.hint())
     }

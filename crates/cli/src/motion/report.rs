@@ -6,6 +6,7 @@ use polepair::url::AxisNumber;
 use polepair_core::axis::{Command, Verb};
 use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
+use polepair_core::time::Instant;
 
 use super::{CTRL_C_STOPS, LEFT_RUNNING};
 use crate::data_output::DataOutput;
@@ -66,6 +67,7 @@ pub fn signal_lines(
 #[derive(Default)]
 pub struct MeasuredMotion {
     lines: Vec<String>,
+    notes: Vec<String>,
 }
 
 impl MeasuredMotion {
@@ -83,6 +85,15 @@ impl MeasuredMotion {
             {
                 let target = command.velocity.and_then(shown);
                 self.add("velocity", (session.axis_prefix(axis), velocity), target);
+            }
+        }
+    }
+
+    /// Notes the errors that drives reported by themselves on a way that they finished.
+    pub fn note_emergencies(&mut self, commands: &[(Axis, Command)], begin: Instant) {
+        for axis in commands.iter().filter_map(|(axis, _)| axis.local()) {
+            if let Some((_, emergency)) = axis.emergency_since(begin) {
+                self.notes.push(format!("{} sent {emergency}, and arrived", axis.label()));
             }
         }
     }
@@ -119,6 +130,7 @@ impl MeasuredMotion {
 
     /// Prints the lines.
     pub fn print(&self) -> Result<()> {
+        self.notes.iter().for_each(|note| print_note(note));
         let mut out = DataOutput::stdout();
         self.lines.iter().for_each(|line| out.write_line(line));
         out.flush()

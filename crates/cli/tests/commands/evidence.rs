@@ -2,6 +2,7 @@
 //! On simulated drives behind real sockets, and the same through a gateway.
 #![cfg(unix)]
 
+use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::Child;
 use std::time::Duration;
@@ -192,10 +193,10 @@ impl Case {
 /// The lines that a motion's trace has when its motor certainly turns.
 const TURNING_LINES: usize = 300;
 
-fn turning(trace: &PathBuf) {
+fn turning(trace: &PathBuf, least: usize) {
     let deadline = Deadline::new("the motor turns");
     let lines = || std::fs::read_to_string(trace).unwrap_or_default().lines().count();
-    while lines() < TURNING_LINES {
+    while lines() < least {
         deadline.check(|| format!("{} lines", lines()));
         std::thread::sleep(Duration::from_millis(20));
     }
@@ -214,7 +215,7 @@ fn a_motion_that_ends_early_says_where_and_why() {
             polepair(&words)
         } else {
             let child: Child = run::command(&words).spawn().expect("starts");
-            turning(&trace);
+            turning(&trace, TURNING_LINES);
             case.happen(&url);
             run::ended(child, &words)
         };
@@ -309,4 +310,39 @@ fn a_group_commands_each_axis_and_an_unconfirmed_stop_is_reported_as_such() {
         assert!(ran.err.contains("nothing confirms it on this wire"), "{verb}: {}", ran.err);
     }
     sim.end();
+}
+
+/// The server of a socketcand URL.
+fn address_of(url: &str) -> &str {
+    let after = url.split("://").nth(1).expect("a URL");
+    after.split('/').next().expect("its server")
+}
+
+/// An emergency that does not stop the drive is a note: at once while the motion is held, and at the end of a way.
+#[test]
+fn an_emergency_that_stops_nothing_is_noted() {
+    let motions: [(&[&str], &str); 2] = [
+        (&["spin", "100rpm", "--for", "4s"], "; its speed is 100 rpm"),
+        (&["move", "10turn", "--rel", "--vel", "300rpm"], ", and arrived"),
+    ];
+    for (n, (motion, end)) in motions.iter().enumerate() {
+        let sim = Served::with(&["cia402:3", "--socketcand", "127.0.0.1:0"]);
+        let trace =
+            std::env::temp_dir().join(format!("polepair-emcy-{}-{n}.log", std::process::id()));
+        let shown = trace.display().to_string();
+        let words = [&motion[..1], &[&sim.url], &motion[1..], &["--trace", &shown]].concat();
+        let child = run::command(&words).spawn().expect("starts");
+        // A held motion is read four times a second.
+        turning(&trace, 150);
+        // Of the drive, as any node of the bus may send it.
+        let mut bus = std::net::TcpStream::connect(address_of(&sim.url)).expect("the bus");
+        bus.write_all(b"< open can0 >< rawmode >< send 83 8 10 81 11 0 0 0 0 0 >")
+            .expect("a frame");
+        let ran = run::ended(child, &words);
+        let _ = std::fs::remove_file(&trace);
+        assert_eq!(ran.code, 0, "{motion:?}: {}", ran.err);
+        let note = format!("sent emergency 8110h (CAN frames were lost){end}");
+        assert_eq!(ran.err.matches(&note).count(), 1, "{motion:?}: {}", ran.err);
+        sim.end();
+    }
 }

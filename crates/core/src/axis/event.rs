@@ -16,6 +16,9 @@ pub enum DriveReport {
     Address(ParameterAddress, i64),
     /// A change of its network state.
     Presence(Presence),
+    /// Code of a message that reports an error (CiA 301, 7.2.7: emergency). The drive may go on all the same: only
+    /// its state shows whether it does.
+    Emergency(u32),
 }
 
 /// Network state of a drive, as the drive reports it.

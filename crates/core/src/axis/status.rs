@@ -15,6 +15,15 @@ pub struct Reading {
     pub at: Option<Instant>,
 }
 
+/// An error that a drive reported by itself. Whether it stopped the drive is in the drive's state.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Emergency {
+    /// Code as in [`Fault::code`](crate::profile::Fault::code); never 0.
+    pub code: u32,
+    /// Time at which the message arrived.
+    pub at: Instant,
+}
+
 /// Result of a stop for the drive's own program.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ProgramEnd {
@@ -63,6 +72,8 @@ pub struct AxisStatus {
     /// A motion was sent, and since then it was not acknowledged that the axis arrived, was stopped or
     /// was switched off. It stays when the link is lost: then the motor may turn.
     pub motion_active: bool,
+    /// The last error that the drive reported by itself; `None` before the first. It stays when the error is gone.
+    pub emergency: Option<Emergency>,
 }
 
 impl AxisStatus {
@@ -75,6 +86,7 @@ impl AxisStatus {
         program_end: None,
         store_ended: false,
         motion_active: false,
+        emergency: None,
     };
 
     /// The last reading of a signal.

@@ -110,6 +110,8 @@ impl EventQueue {
                 self.push(now, n, AxisEventKind::Address(address, raw));
             }
             DriveReport::Parameter(id, raw) => self.push_parameter(now, n, slot, before, id, raw),
+            // The fault that it reports as well is the event.
+            DriveReport::Emergency(_) => {}
         }
         self.compare_one(now, n, slot);
     }

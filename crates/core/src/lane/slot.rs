@@ -7,7 +7,8 @@ use super::event_queue::EventQueue;
 use super::path::PathStream;
 use super::watch::{MotionWatch, targets_position};
 use crate::axis::{
-    AxisStatus, Command, DriveReport, Driver, GroupAnswer, Reading, Refusal, UnmetWait, Verb,
+    AxisStatus, Command, DriveReport, Driver, Emergency, GroupAnswer, Reading, Refusal, UnmetWait,
+    Verb,
 };
 use crate::error::{Failure, Unsupported};
 use crate::plan::{Argument, Operand, Step};
@@ -311,6 +312,11 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             DriveReport::Presence(_) | DriveReport::Address(..) => {}
             DriveReport::Signal(signal, raw) => {
                 self.state.set_reading(signal, Reading { value: raw as f64, raw, at: Some(now) });
+            }
+            // Code 0 is the end of all errors.
+            DriveReport::Emergency(0) => {}
+            DriveReport::Emergency(code) => {
+                self.state.emergency = Some(Emergency { code, at: now });
             }
         }
     }

@@ -116,8 +116,15 @@ pub trait Protocol {
         let _ = options;
         None
     }
+    /// On CAN, a read that the drive at this address answers so that [`frame_sender`](Self::frame_sender) shows it.
+    /// A scan sends those of all addresses before it waits; `None` where each is waited for.
+    fn presence_frame(options: &HostOptions, address: u32) -> Option<Frame> {
+        let _ = (options, address);
+        None
+    }
     /// On CAN, the address of the drive that sent this frame, if the frame alone shows it. A scan uses it for
-    /// drives that send by themselves, and for replies to [`discovery_frame`](Self::discovery_frame).
+    /// drives that send by themselves, and for replies to [`discovery_frame`](Self::discovery_frame) and
+    /// [`presence_frame`](Self::presence_frame).
     fn frame_sender(options: &HostOptions, frame: &Frame) -> Option<u32> {
         let _ = (options, frame);
         None

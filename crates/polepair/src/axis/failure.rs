@@ -100,6 +100,16 @@ impl LocalAxis {
             }
             _ => reason,
         };
+        let reason = match failure {
+            Failure::PowerLost
+            | Failure::NotReached
+            | Failure::Elsewhere(_)
+            | Failure::ModeChanged { .. } => match self.recent_emergency() {
+                Some(emergency) => format!("{reason}; {emergency}"),
+                None => reason,
+            },
+            _ => reason,
+        };
         // Not simply "it was moving": where the link lives, the caller can still stop it.
         let may_turn = self.is_out_of_reach(kind, failure);
         if let (true, Watchdog::Fixed { after_ms }) = (may_turn, self.profile.watchdog) {

@@ -31,6 +31,9 @@ pub enum WatchdogState {
         /// Node-ID of the heartbeat.
         node: u8,
     },
+    /// The drive reacts after this time without a life guarding request (CiA 301, 100Ch and 100Dh), which this host
+    /// does not send.
+    LifeGuarding(Duration),
     /// The drive notices a silence of this length, and does nothing then.
     NoReaction(Duration),
     /// The watchdog can be set, and the drive does not report its setting.
@@ -58,6 +61,14 @@ impl fmt::Display for WatchdogState {
             }
             Self::OtherNode { node } => {
                 write!(f, "on, but it watches node {node} and not this host")
+            }
+            Self::LifeGuarding(after) => {
+                write!(
+                    f,
+                    "on, by life guarding: the drive reacts after {} without a guarding request of \
+                     its master; this host sends none",
+                    format_time(*after)
+                )
             }
             Self::NoReaction(after) => {
                 write!(
@@ -109,11 +120,17 @@ impl LocalAxis {
                      drive stops after that time without requests"
                 )
             }
-            Watchdog::Heartbeat { consumer, reaction: None } => format!(
+            Watchdog::LifeGuarding { objects: [period, factor], .. } => format!(
+                "the drive reacts when its master does not guard it for `{}` times `{}`; this host \
+                 does not guard it, and the motor continues its last command",
+                name(period),
+                name(factor)
+            ),
+            Watchdog::Heartbeat { consumer, reaction: None, .. } => format!(
                 "the drive stops when the heartbeat in `{}` stays out; with 0 it goes on",
                 name(consumer)
             ),
-            Watchdog::Heartbeat { consumer, reaction: Some(reaction) } => format!(
+            Watchdog::Heartbeat { consumer, reaction: Some(reaction), .. } => format!(
                 "the drive does what `{}` says when the heartbeat in `{}` stays out; with 0 in \
                  either it goes on",
                 name(reaction),
@@ -186,30 +203,64 @@ impl LocalAxis {
                 let after = Duration::try_from_secs_f64(seconds);
                 Ok(after.map_or(WatchdogState::Unknown, WatchdogState::On))
             }
-            Watchdog::Heartbeat { consumer, reaction } => {
-                let Some(watched) = self.read_optional(consumer)? else {
-                    return Ok(WatchdogState::None);
-                };
-                let is_ignored = match reaction.map(|id| self.read_optional(id)).transpose()? {
-                    None => false,
-                    Some(None) => return Ok(WatchdogState::None),
-                    Some(Some(reaction)) => reaction == 0,
-                };
-                let ms = watched & ((1 << TIME_BITS) - 1);
-                let node = (watched >> TIME_BITS & 0x7F) as u8;
-                Ok(match (node, ms) {
-                    (0, _) | (_, 0) => WatchdogState::Off,
-                    // A heartbeat of another node is no sign of this program; the drive would turn on without it.
-                    (node, _) if self.host != Some(node.into()) => {
-                        WatchdogState::OtherNode { node }
+            Watchdog::LifeGuarding { objects, reaction } => {
+                Ok(self.life_guarding(objects, reaction)?.unwrap_or(WatchdogState::Off))
+            }
+            Watchdog::Heartbeat { consumer, reaction, life_guarding } => {
+                let heartbeat = self.heartbeat_watchdog(consumer, reaction)?;
+                match (heartbeat, life_guarding) {
+                    (WatchdogState::None | WatchdogState::Off, Some(objects)) => {
+                        let guarding = self.life_guarding(objects, reaction)?;
+                        Ok(guarding.unwrap_or(heartbeat))
                     }
-                    (_, ms) if is_ignored => {
-                        WatchdogState::NoReaction(Duration::from_millis(ms.unsigned_abs()))
-                    }
-                    (_, ms) => on_after(ms),
-                })
+                    _ => Ok(heartbeat),
+                }
             }
         }
+    }
+
+    fn heartbeat_watchdog(
+        &self,
+        consumer: ParameterId,
+        reaction: Option<ParameterId>,
+    ) -> Result<WatchdogState, Error> {
+        let Some(watched) = self.read_optional(consumer)? else {
+            return Ok(WatchdogState::None);
+        };
+        let is_ignored = match reaction.map(|id| self.read_optional(id)).transpose()? {
+            None => false,
+            Some(None) => return Ok(WatchdogState::None),
+            Some(Some(reaction)) => reaction == 0,
+        };
+        let ms = watched & ((1 << TIME_BITS) - 1);
+        let node = (watched >> TIME_BITS & 0x7F) as u8;
+        Ok(match (node, ms) {
+            (0, _) | (_, 0) => WatchdogState::Off,
+            // A heartbeat of another node is no sign of this program; the drive would turn on without it.
+            (node, _) if self.host != Some(node.into()) => WatchdogState::OtherNode { node },
+            (_, ms) if is_ignored => {
+                WatchdogState::NoReaction(Duration::from_millis(ms.unsigned_abs()))
+            }
+            (_, ms) => on_after(ms),
+        })
+    }
+
+    /// Setting of life guarding; `None` if the drive has none, or it is off.
+    fn life_guarding(
+        &self,
+        objects: [ParameterId; 2],
+        reaction: Option<ParameterId>,
+    ) -> Result<Option<WatchdogState>, Error> {
+        let [period, factor] = objects;
+        let Some(ms) = self.read_optional(period)?.filter(|ms| *ms > 0) else { return Ok(None) };
+        let Some(factor) = self.read_optional(factor)?.filter(|n| *n > 0) else { return Ok(None) };
+        let after = Duration::from_millis(ms.saturating_mul(factor).unsigned_abs());
+        // A drive without a selection of the reaction reacts in its own way.
+        let selected = reaction.map(|id| self.read_optional(id)).transpose()?.flatten();
+        Ok(Some(match selected {
+            Some(0) => WatchdogState::NoReaction(after),
+            _ => WatchdogState::LifeGuarding(after),
+        }))
     }
 
     /// Sets the drive to stop by itself after this time without a message of its host; `None` switches it
@@ -227,7 +278,7 @@ impl LocalAxis {
             return Err(Error::usage("E216", what, "`off` switches a watchdog off"));
         }
         match self.profile.watchdog {
-            Watchdog::None | Watchdog::Fixed { .. } => {
+            Watchdog::None | Watchdog::Fixed { .. } | Watchdog::LifeGuarding { .. } => {
                 return Err(self.unsupported_error(WHAT, Unsupported::NoPlan));
             }
             Watchdog::Configurable { .. } => {
@@ -248,7 +299,7 @@ impl LocalAxis {
                 }
                 self.write_if_different(id, raw)?;
             }
-            Watchdog::Heartbeat { consumer, reaction } => {
+            Watchdog::Heartbeat { consumer, reaction, .. } => {
                 let host = self.host.filter(|host| (1..=127).contains(host));
                 let host = host.ok_or_else(|| self.unsupported_error(WHAT, Unsupported::NoPlan))?;
                 let ms = after.unwrap_or_default().as_millis();
@@ -338,7 +389,7 @@ impl LocalAxis {
     /// [`Error`] by blame.
     pub fn watchdog_setting(&self) -> Result<Option<Vec<(ParameterId, i64)>>, Error> {
         let ids: Vec<ParameterId> = match self.profile.watchdog {
-            Watchdog::Heartbeat { consumer, reaction } => {
+            Watchdog::Heartbeat { consumer, reaction, .. } => {
                 [Some(consumer), reaction].into_iter().flatten().collect()
             }
             _ => self.watchdog_parameter().into_iter().collect(),

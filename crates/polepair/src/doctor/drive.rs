@@ -217,6 +217,7 @@ fn check_watchdog(axis: &LocalAxis) -> CheckResult {
         ),
         WatchdogState::Off
         | WatchdogState::OtherNode { .. }
+        | WatchdogState::LifeGuarding(_)
         | WatchdogState::NoReaction(_)
         | WatchdogState::Unknown => {
             CheckResult::suspicious(&about, text, "`polepair watchdog URL 500ms` sets it")

@@ -148,7 +148,7 @@ impl AxisMotion for LocalAxis {
         self.prepare_mode(verb)
     }
 
-    fn motion_state(&self, _since: Instant, velocity: bool) -> Result<MotionState, Error> {
+    fn motion_state(&self, since: Instant, velocity: bool) -> Result<MotionState, Error> {
         let read = |signal| {
             if !self.provides_signal(signal)? {
                 return Ok::<_, Error>(None);
@@ -161,7 +161,8 @@ impl AxisMotion for LocalAxis {
         let enabled = enabled.map(|reading| reading.raw != 0);
         // The drives of a group rarely have the same speed and position.
         if AxisNumber(self.number()).is_group() {
-            return Ok(MotionState { fault, enabled, ..MotionState::default() });
+            let emergency = self.emergency_since(since);
+            return Ok(MotionState { fault, enabled, emergency, ..MotionState::default() });
         }
         let velocity = if velocity { read(Signal::Velocity)? } else { None };
         let position = read(Signal::Position)?;
@@ -181,6 +182,7 @@ impl AxisMotion for LocalAxis {
             velocity: velocity.map(|reading| reading.value),
             position: position.map(|reading| reading.value),
             limit: limit.map(|end| self.limit_name(end).to_owned()),
+            emergency: self.emergency_since(since),
         })
     }
 }
@@ -346,6 +348,7 @@ impl LocalAxis {
             Watchdog::Configurable { .. } => self
                 .watchdog_parameter_name()
                 .map_or(WatchdogKind::None, WatchdogKind::Configurable),
+            Watchdog::LifeGuarding { .. } => WatchdogKind::Heartbeat(None),
             Watchdog::Heartbeat { .. } => WatchdogKind::Heartbeat(
                 self.heartbeat().and_then(|_| self.watchdog_parameter_name()),
             ),
@@ -366,6 +369,8 @@ impl LocalAxis {
                 let rule = "the motor continues its last command";
                 (format!("{ABSENT_TEXT} (`{}`): {rule}", parameter.name), None)
             }
+            // Another setting than the one that is written.
+            (_, WatchdogState::LifeGuarding(_)) => (self.describe_watchdog(state), None),
             _ => (self.describe_watchdog(state), parameter),
         };
         WatchdogReport {

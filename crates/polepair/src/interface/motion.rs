@@ -69,6 +69,9 @@ pub struct MotionMonitor {
     last_velocity: Option<f64>,
     /// The limit that held the motor at the last reading.
     limit: Option<String>,
+    /// Time of the last emergency that a note has.
+    noted_emergency: Option<Instant>,
+    notes: Vec<String>,
 }
 
 impl MotionMonitor {
@@ -83,6 +86,8 @@ impl MotionMonitor {
             is_velocity,
             judge: SpeedJudge::new(velocity, is_linear),
             limit: None,
+            noted_emergency: None,
+            notes: Vec::new(),
             last_velocity: None,
             velocity,
             started: axis.now(),
@@ -175,6 +180,11 @@ impl MotionMonitor {
         self.last_velocity
     }
 
+    /// Takes the notes on what happened without an end of the motion: an error that the drive reported by itself.
+    pub fn take_notes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.notes)
+    }
+
     /// A speed in the unit of the drive, with the digits that matter.
     fn speed_text(&self, si: f64) -> String {
         let unit = self.axis.unit_of(Verb::Velocity, Argument::Velocity).unwrap_or(Unit::Rpm);
@@ -185,21 +195,23 @@ impl MotionMonitor {
     }
 
     fn judge(&mut self, now: Instant, state: MotionState) -> Result<(), Error> {
-        let label = self.axis.label();
+        let axis = self.axis.clone();
+        let label = axis.label();
         self.judge.observe(state.velocity, state.position);
         self.last_velocity = state.velocity;
-        self.limit = state.limit;
+        self.limit.clone_from(&state.limit);
         if let Some(fault) = &state.fault {
             return Err(fault.to_error(label));
         }
         self.was_enabled |= state.enabled == Some(true);
         if self.was_enabled && state.enabled == Some(false) {
-            return ended_error(
-                "has lost its power during the motion",
-                "Another program, an input or the drive itself switched it off.",
-                label,
-            );
+            let why = match &state.emergency {
+                Some((_, emergency)) => format!("It sent {emergency}."),
+                None => "Another program, an input or the drive itself switched it off.".to_owned(),
+            };
+            return ended_error("has lost its power during the motion", &why, label);
         }
+        self.note_emergency(&state);
         let (Some(commanded), Some(actual)) = (self.velocity, state.velocity) else {
             return Ok(());
         };
@@ -207,13 +219,28 @@ impl MotionMonitor {
         let stands = self.has_turned && actual.abs() < commanded.abs() * STANDSTILL_SHARE;
         self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
         match self.stands_since {
-            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => ended_error(
-                "stopped during the motion",
-                "Another program stopped it, or it is blocked.",
-                label,
-            ),
+            Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => {
+                let why = match &state.emergency {
+                    Some((_, emergency)) => format!("It sent {emergency}."),
+                    None => "Another program stopped it, or it is blocked.".to_owned(),
+                };
+                ended_error("stopped during the motion", &why, label)
+            }
             _ => Ok(()),
         }
+    }
+
+    /// Notes an emergency that did not end the motion, with the speed that shows it.
+    fn note_emergency(&mut self, state: &MotionState) {
+        let Some((at, emergency)) = &state.emergency else { return };
+        if self.noted_emergency.replace(*at) == Some(*at) {
+            return;
+        }
+        let goes_on = match state.velocity {
+            Some(velocity) => format!("its speed is {}", self.speed_text(velocity)),
+            None => "it reports no fault".to_owned(),
+        };
+        self.notes.push(format!("{} sent {emergency}; {goes_on}", self.axis.label()));
     }
 }
 

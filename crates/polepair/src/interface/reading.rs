@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use polepair_core::escape::EscapedText;
 use polepair_core::profile::{Encoding, Fault, Parameter, Severity, Signal};
+use polepair_core::time::Instant;
 
 use crate::amount::format_raw;
 use crate::axis::ParameterValue;
@@ -212,4 +213,7 @@ pub struct MotionState {
     pub position: Option<f64>,
     /// The name of the limit that holds the motor; `None` for none, or while that is not known.
     pub limit: Option<String>,
+    /// The last error that the drive reported by itself since the motion began, and the time of its message. The drive
+    /// may go on all the same. `None` for none, and always on a server.
+    pub emergency: Option<(Instant, String)>,
 }

@@ -84,8 +84,19 @@ impl DraftMotion {
 pub(crate) enum DraftWatchdog {
     None,
     Fixed(u32),
-    Configurable { parameter: ParameterName, on_can: Option<ParameterName> },
-    Heartbeat { consumer: ParameterName, reaction: Option<ParameterName> },
+    Configurable {
+        parameter: ParameterName,
+        on_can: Option<ParameterName>,
+    },
+    Heartbeat {
+        consumer: ParameterName,
+        reaction: Option<ParameterName>,
+        life_guarding: Option<[ParameterName; 2]>,
+    },
+    LifeGuarding {
+        objects: [ParameterName; 2],
+        reaction: Option<ParameterName>,
+    },
 }
 
 /// Identification of the product: a parameter, or a text request.
@@ -260,10 +271,17 @@ impl Draft {
                     parameter: names.name_of(parameter),
                     on_can: on_can.map(|id| names.name_of(id)),
                 },
-                Watchdog::Heartbeat { consumer, reaction } => DraftWatchdog::Heartbeat {
-                    consumer: names.name_of(consumer),
+                Watchdog::LifeGuarding { objects, reaction } => DraftWatchdog::LifeGuarding {
+                    objects: objects.map(|id| names.name_of(id)),
                     reaction: reaction.map(|id| names.name_of(id)),
                 },
+                Watchdog::Heartbeat { consumer, reaction, life_guarding } => {
+                    DraftWatchdog::Heartbeat {
+                        consumer: names.name_of(consumer),
+                        reaction: reaction.map(|id| names.name_of(id)),
+                        life_guarding: life_guarding.map(|ids| ids.map(|id| names.name_of(id))),
+                    }
+                }
             },
             identity: profile.identity.map(|identity| names.identity(&identity)),
             ram: profile.ram.map(|mode| {

@@ -44,14 +44,31 @@ pub(crate) fn remove_missing(draft: &mut Draft) {
             let mut names = [Some(parameter), on_can.as_ref()].into_iter().flatten();
             names.all(|name| there.supports(name, ParameterUse::Write))
         }
-        DraftWatchdog::Heartbeat { consumer, reaction } => {
+        DraftWatchdog::Heartbeat { consumer, reaction, .. } => {
             supports_both(consumer, &there)
                 && reaction.as_ref().is_none_or(|name| supports_both(name, &there))
         }
+        DraftWatchdog::LifeGuarding { .. } => true,
     };
-    if !watchdog {
-        draft.watchdog = DraftWatchdog::None;
-    }
+    let guards = |objects: &[ParameterName; 2]| {
+        objects.iter().all(|name| there.supports(name, ParameterUse::Read))
+    };
+    draft.watchdog = match std::mem::replace(&mut draft.watchdog, DraftWatchdog::None) {
+        DraftWatchdog::Heartbeat { consumer, reaction, life_guarding } if watchdog => {
+            let life_guarding = life_guarding.filter(guards);
+            DraftWatchdog::Heartbeat { consumer, reaction, life_guarding }
+        }
+        DraftWatchdog::Heartbeat { reaction, life_guarding: Some(objects), .. }
+        | DraftWatchdog::LifeGuarding { reaction, objects }
+            if guards(&objects) =>
+        {
+            let reaction = reaction.filter(|name| supports_both(name, &there));
+            DraftWatchdog::LifeGuarding { objects, reaction }
+        }
+        DraftWatchdog::Heartbeat { .. } | DraftWatchdog::LifeGuarding { .. } => DraftWatchdog::None,
+        other if watchdog => other,
+        _ => DraftWatchdog::None,
+    };
     draft.ram = draft.ram.take().filter(|ram| supports_both(&ram.parameter, &there));
     draft.optional.retain(|name| there.access.contains_key(&fold(&name.value)));
 }

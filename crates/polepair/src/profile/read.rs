@@ -333,8 +333,20 @@ fn find_dialect(node: &TomlTable<'_, '_>, protocol: &str) -> Result<&'static Dia
     })
 }
 
+fn read_life_guarding(
+    table: &TomlTable<'_, '_>,
+) -> Result<Option<[Located<String>; 2]>, FileError> {
+    if !table.has("life_guarding") {
+        return Ok(None);
+    }
+    let names = table.texts("life_guarding")?;
+    names.try_into().map(Some).map_err(|_| {
+        table.location().error("`life_guarding` needs two names: of the period and of the factor")
+    })
+}
+
 fn read_watchdog(node: &TomlTable<'_, '_>) -> Result<Option<DraftWatchdog>, FileError> {
-    let keys = ["kind", "after_ms", "parameter", "on_can", "reaction"];
+    let keys = ["kind", "after_ms", "parameter", "on_can", "reaction", "life_guarding"];
     let Some(table) = node.table("watchdog", &keys)? else { return Ok(None) };
     let kind = table.required_text("kind")?;
     Ok(Some(match kind.value.as_str() {
@@ -351,9 +363,15 @@ fn read_watchdog(node: &TomlTable<'_, '_>) -> Result<Option<DraftWatchdog>, File
         "heartbeat" => DraftWatchdog::Heartbeat {
             consumer: table.required_text("parameter")?,
             reaction: table.text("reaction")?,
+            life_guarding: read_life_guarding(&table)?,
+        },
+        "life guarding" => DraftWatchdog::LifeGuarding {
+            objects: read_life_guarding(&table)?
+                .ok_or_else(|| kind.location.error("`life guarding` needs `life_guarding`"))?,
+            reaction: table.text("reaction")?,
         },
         other => {
-            let known = ["none", "fixed", "configurable", "heartbeat"];
+            let known = ["none", "fixed", "configurable", "heartbeat", "life guarding"];
             let hint = spelling::suggestion(other, known);
             return Err(kind
                 .location

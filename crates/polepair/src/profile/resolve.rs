@@ -282,17 +282,36 @@ impl<'a> NameResolver<'a> {
                     .map(|name| self.resolve_use(name, &[RequiredAccess::Write]))
                     .transpose()?,
             },
-            DraftWatchdog::Heartbeat { consumer, reaction } => Watchdog::Heartbeat {
+            DraftWatchdog::Heartbeat { consumer, reaction, life_guarding } => Watchdog::Heartbeat {
                 consumer: self
                     .resolve_use(consumer, &[RequiredAccess::Read, RequiredAccess::Write])?,
-                reaction: reaction
-                    .as_ref()
-                    .map(|name| {
-                        self.resolve_use(name, &[RequiredAccess::Read, RequiredAccess::Write])
-                    })
-                    .transpose()?,
+                reaction: self.watchdog_reaction(reaction.as_ref())?,
+                life_guarding: match life_guarding {
+                    Some(objects) => Some(self.life_guarding(objects)?),
+                    None => None,
+                },
+            },
+            DraftWatchdog::LifeGuarding { objects, reaction } => Watchdog::LifeGuarding {
+                objects: self.life_guarding(objects)?,
+                reaction: self.watchdog_reaction(reaction.as_ref())?,
             },
         })
+    }
+
+    fn watchdog_reaction(
+        &self,
+        reaction: Option<&ParameterName>,
+    ) -> Result<Option<ParameterId>, FileError> {
+        let uses = [RequiredAccess::Read, RequiredAccess::Write];
+        reaction.map(|name| self.resolve_use(name, &uses)).transpose()
+    }
+
+    fn life_guarding(&self, objects: &[ParameterName; 2]) -> Result<[ParameterId; 2], FileError> {
+        let [period, factor] = objects;
+        Ok([
+            self.resolve_use(period, &[RequiredAccess::Read])?,
+            self.resolve_use(factor, &[RequiredAccess::Read])?,
+        ])
     }
 
     fn plan(&self, plan: &DraftPlan) -> Result<Plan, FileError> {

@@ -15,6 +15,7 @@ use crate::lss::{self, LssMaster};
 use crate::no_reply::{ACKNOWLEDGES, NoReplyCause, NoReplyDetails};
 use crate::protocol_line::ProtocolLine;
 use crate::url::AxisNumber;
+use crate::wire::SharedLink;
 use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::station::Counters;
 use polepair_link::{Connection, LinkError};
@@ -236,7 +237,7 @@ impl DriveScanner {
     /// Determines the addresses of the next protocol.
     fn begin_target(&mut self, broken: &dyn Fn() -> bool) -> Result<(), Error> {
         let (line, borrowed) = self.targets[self.current].open_line()?;
-        let numbers = self.addresses.on_line(&line, &self.named_axes);
+        let mut numbers = self.addresses.on_line(&line, &self.named_axes);
         let every = self.addresses.0.is_none() && self.named_axes.is_empty();
         let known = self.known_axes.iter().map(|known| &known.bus_address);
         let own: Vec<u32> = known
@@ -246,7 +247,10 @@ impl DriveScanner {
             .map(|(_, bus_address)| bus_address.address)
             .collect();
         let seats: Vec<(usize, BusAddress)> = known.chain(&self.found_addresses).cloned().collect();
+        self.report.on_can = matches!(line.link, SharedLink::Can(_));
         let tried = &mut self.report.tried;
+        // Before the first request: all addresses may be asked at once.
+        exclude_clashing(&line, &seats, &mut numbers, tried);
         let mut wanted = addresses_to_query(&line, numbers, every, tried, broken)?;
         // An axis that was silent for a moment is asked all the same at its address.
         if !own.is_empty() {

@@ -214,3 +214,17 @@ fn a_bus_whose_drives_need_the_hosts_heartbeat_is_not_lent() {
     assert_eq!(refused.code(), "E220", "{refused}");
     assert_eq!(link.axes()[0].connection().now(), before, "nobody waited, and nobody was silent");
 }
+
+/// Asked one after the other, 127 silent nodes take 51 s.
+#[test]
+fn all_nodes_of_a_can_bus_are_asked_at_once() {
+    let link = open("sim:canopen:1,64,127?time=virtual#1");
+    let begin = link.axes()[0].connection().now();
+    let scan = run_scan(&link, ScanAddresses::ALL);
+    let found: Vec<_> = scan.found.iter().map(|one| one.number).collect();
+    assert_eq!(found, [64, 127], "{:?}", scan.tried);
+    assert!(scan.axes[0].answers, "{:?}", scan.axes);
+    assert!(scan.on_can && scan.tried[0].ends_with("all at once"), "{:?}", scan.tried);
+    let took = link.axes()[0].connection().now().since(begin);
+    assert!(took < Duration::from_secs(4), "{took:?}");
+}

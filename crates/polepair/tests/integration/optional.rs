@@ -1,6 +1,7 @@
 //! Drives that lack what CiA 402-2 leaves to their makers: by the generic profile, which learns it from
 //! their refusals, and by data sheets, which state it.
 
+use polepair::axis::WatchdogState;
 use polepair::doctor::{self, Grade};
 use polepair::{Amount, Connector, LocalAxis, LocalLink};
 use polepair_core::profile::Signal;
@@ -32,6 +33,11 @@ impl Files {
     /// A drive's data sheet without these objects, and a rack that has the drive, in which it is known
     /// by what it answers alone.
     fn without(lacking: &[u16]) -> Self {
+        Self::with(&OPTIONAL, lacking)
+    }
+
+    /// A drive's data sheet with the first objects, unless they are in `lacking`.
+    fn with(objects: &[(u16, u8)], lacking: &[u16]) -> Self {
         static COUNT: AtomicUsize = AtomicUsize::new(0);
         let n = COUNT.fetch_add(1, Ordering::Relaxed);
         let folder = format!("polepair-optional-{}-{n}", std::process::id());
@@ -39,12 +45,13 @@ impl Files {
         std::fs::create_dir_all(&folder).unwrap();
         let mut sheet = polepair::eds::load(Path::new(SHEET)).unwrap();
         let model = sheet.object(0x6064).unwrap().clone();
-        for (index, kind) in OPTIONAL {
+        for &(index, kind) in objects {
             if sheet.object(index).is_none() {
                 let mut object = model.clone();
                 object.index = index;
                 object.name = format!("object {index:04X}");
                 object.entries[0].name.clone_from(&object.name);
+                object.entries[0].access = polepair::eds::ObjectAccess::Rw;
                 object.entries[0].data_type = polepair::eds::DataType(kind.into());
                 let at = sheet.objects.partition_point(|other| other.index < index);
                 sheet.objects.insert(at, object);
@@ -196,4 +203,24 @@ fn a_value_without_a_scale_has_no_unit() {
         assert!((position - 16384).abs() < 50, "{url}: {position}");
         armed.release().unwrap();
     }
+}
+
+#[test]
+fn life_guarding_is_a_watchdog_of_another_host() {
+    const GUARDING: [(u16, u8); 2] = [(0x100C, 0x06), (0x100D, 0x05)];
+    let files = Files::with(&GUARDING, &[]);
+    for url in files.urls() {
+        let link = polepair::connect_local(&url).expect("a simulation");
+        let axis = &link.axes()[0];
+        let found = axis.watchdog().unwrap();
+        axis.set_raw("guard time", 100).unwrap();
+        assert_eq!(axis.watchdog().unwrap(), found, "{url}: a factor of 0 is never");
+        axis.set_raw("life time factor", 3).unwrap();
+        let guarded = axis.watchdog().unwrap();
+        assert_eq!(guarded, WatchdogState::LifeGuarding(Duration::from_millis(300)), "{url}");
+        assert!(axis.report_watchdog(guarded).text.contains("this host sends none"), "{url}");
+    }
+    // A drive without these objects has none.
+    let link = polepair::connect_local("sim:cia402:5?time=virtual").expect("a simulation");
+    assert_eq!(link.axes()[0].watchdog().unwrap(), WatchdogState::Off);
 }

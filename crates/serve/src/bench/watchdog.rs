@@ -67,7 +67,7 @@ fn watchdog_view(axis: &LocalAxis, state: WatchdogState) -> WatchdogView {
             WatchdogState::None => WatchdogMode::None,
             WatchdogState::Off => WatchdogMode::Off,
             WatchdogState::On(_) => WatchdogMode::On,
-            WatchdogState::OtherNode { .. } => WatchdogMode::Other,
+            WatchdogState::OtherNode { .. } | WatchdogState::LifeGuarding(_) => WatchdogMode::Other,
             WatchdogState::NoReaction(_) => WatchdogMode::NoReaction,
             WatchdogState::Unknown => WatchdogMode::Untold,
         },

@@ -16,7 +16,7 @@ use super::host_request::{Answer, HostRequest};
 use super::known_pdo::KnownPdo;
 use super::nmt::{NmtCommand, NmtMessage, NmtState};
 use super::pdo::{BitField, CobId, max_frame_bits};
-use super::sdo::{AbortCode, ObjectIndex};
+use super::sdo::{AbortCode, ObjectIndex, SdoRequest};
 use super::{NODE_MAX, text};
 use crate::axis::{
     AnswerDecoder, CyclicDriver, DataDriver, DriveReport, Driver, Presence, REPORTS_MAX, Refusal,
@@ -396,8 +396,9 @@ impl AnswerDecoder for CanopenDriver {
             }
             Answer::HeartbeatLost => reports[0] = Some(DriveReport::Presence(Presence::Gone)),
             // The message does not name an axis of the node; the others are read too.
-            Answer::Emergency(Emergency { code, .. }) if self.sub_axis == 0 => {
-                reports[0] = self.fault_report(code);
+            Answer::Emergency(Emergency { code, .. }) => {
+                reports[0] = self.fault_report(code).filter(|_| self.sub_axis == 0);
+                reports[1] = Some(DriveReport::Emergency(code.into()));
             }
             Answer::Process(number @ 1..=4, data, len) => {
                 return self.tpdos[usize::from(number) - 1].decode_values(data, len);
@@ -561,6 +562,12 @@ impl Protocol for Canopen {
         // EMCY, four PDOs each way, SDO each way, heartbeat.
         let of_node = matches!(id >> 7, 1 | 3..=12 | 14) && id & 0x7F == drive_address(address);
         !extended && (everybody || of_node)
+    }
+
+    /// Upload of the device type, which every node has (CiA 301, 7.5.2.1).
+    fn presence_frame(_options: &HostOptions, address: u32) -> Option<Frame> {
+        let node = u8::try_from(address).ok().filter(|node| (1..=NODE_MAX).contains(node))?;
+        Some(SdoRequest::Read(ObjectIndex::new(0x1000, 0)).emit(node))
     }
 
     fn frame_sender(options: &HostOptions, frame: &Frame) -> Option<u32> {

@@ -104,6 +104,7 @@ impl RemoteAxis {
             velocity: newest(Signal::Velocity),
             position: newest(Signal::Position),
             limit: held_limit(&newest),
+            emergency: None,
         })
     }
 

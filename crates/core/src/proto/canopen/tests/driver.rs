@@ -124,6 +124,7 @@ fn emergencies_are_faults_at_once() {
     let emergency = Emergency { code: 0x2310, ..Emergency::default() };
     let reports = axis.decode_unsolicited(&Answer::Emergency(emergency));
     assert_eq!(reports[0], Some(DriveReport::Signal(crate::profile::Signal::Fault, 0x2310)));
+    assert_eq!(reports[1], Some(DriveReport::Emergency(0x2310)));
 }
 
 #[test]
