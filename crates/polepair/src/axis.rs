@@ -341,6 +341,8 @@ impl LocalAxis {
 
     /// Lets motion commands through, or no longer. [`armed`](Self::armed) does it for a while.
     pub fn arm(&self, armed: bool) {
+        // A restart that is received already was before this, and disarms nothing.
+        self.connection.catch_up();
         self.connection.with_axes(|axes, _| axes.set_armed(self.index, armed));
     }
 
@@ -350,6 +352,7 @@ impl LocalAxis {
     /// # Errors
     /// [`Error::Unsupported`] `E220` if it is already armed.
     pub fn arm_exclusively(&self) -> Result<(), Error> {
+        self.connection.catch_up();
         let armed = self.connection.with_axes(|axes, _| {
             // Read and set under one lock: two callers cannot both find it unarmed.
             let before = axes.state(self.index).is_some_and(|state| state.armed);

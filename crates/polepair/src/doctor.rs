@@ -325,8 +325,8 @@ fn find_drives(
 
 const SILENT_REMEDY: &str = "the drive's power, A and B (or RX and TX) swapped, the common ground, its address, \
                              the baud rate";
-const SILENT_ON_CAN_REMEDY: &str = "the drive's power, CAN_H and CAN_L, a 120 ohm resistor at both ends, its address, \
-                                    the bit rate";
+const SILENT_ON_CAN_REMEDY: &str =
+    "the drive's power and address; on a cable CAN_H, CAN_L and the bit rate";
 const DAMAGED_REMEDY: &str = "another baud rate, two drives with one address, a missing \
  terminator or \
                        common ground; --try-bauds tries other rates";

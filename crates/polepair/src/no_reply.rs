@@ -42,8 +42,7 @@ pub struct NoReplyDetails {
 #[must_use]
 pub const fn wiring_hint(on_can: bool) -> &'static str {
     if on_can {
-        "power, CAN_H and CAN_L, a 120 ohm resistor at both ends (60 ohm between the wires with the \
-         power off), and the bit rate in the URL"
+        "power, the bit rate in the URL, and on a cable CAN_H, CAN_L and a 120 ohm resistor at both ends"
     } else {
         "power, wiring (A and B may be swapped), and the baud rate in the URL"
     }

@@ -126,3 +126,17 @@ fn the_sheet_of_a_drive_describes_it_and_restores_it() {
     let error = Eds::of_drive(&link.axes()[0], SheetValues::None, &mut |_, _| {});
     assert_eq!(error.expect_err("no CANopen").code(), "E248");
 }
+
+/// A boot-up that was received before the axis is armed is no restart of an armed drive.
+#[test]
+fn a_device_without_a_motor_is_armed_and_written() {
+    let link = device("inputs.eds");
+    let axis = &link.axes()[0];
+    let refused = axis.set_raw("6200h:1", 3).expect_err("not armed");
+    assert_eq!(refused.code(), "E219", "{refused}");
+    let link = device("inputs.eds");
+    let axis = &link.axes()[0];
+    axis.arm(true);
+    axis.set_raw("6200h:1", 3).expect("armed");
+    assert_eq!(axis.get_raw("6200h:1").expect("an output"), 3);
+}
