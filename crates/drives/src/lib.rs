@@ -95,7 +95,7 @@ pub fn visit_families(visitor: &mut impl FamilyVisitor) {
 /// Every profile that is compiled in.
 #[must_use]
 pub fn profiles() -> &'static [&'static Profile] {
-    static ALL: [&Profile; 14] = [
+    static ALL: [&Profile; 15] = [
         &tmcm17x::profile::TMCM_171,
         &tmcm17x::profile::TMCM_170,
         &tmcm::profile::TMCM_1140,
@@ -103,6 +103,7 @@ pub fn profiles() -> &'static [&'static Profile] {
         &syntron_ts::profile::SYNTRON_TS,
         &syntron_ts::profile::SYNTRON_DS102,
         &cia402::profile::CIA402,
+        &cia402::profile::CIA402_VL,
         &syntron_ts::profile::SYNTRON_TS_CANOPEN,
         &technosoft::profile::TECHNOSOFT_F514L,
         &technosoft::profile::TECHNOSOFT_FA00G,

@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 
 use super::faults::FaultCode;
-use super::objects::{DICTIONARY, Objects, computed, stored};
+use super::objects::{ALL_MODES, DICTIONARY, Objects, VELOCITY_MODE, computed, stored};
 use super::protections::{self, RATED_CURRENT, STALL_TICKS};
 use super::transfer_objects::TransferObjects;
 use polepair_core::plant::{ServoShaft, TICK_NS, Ticks};
@@ -121,6 +121,8 @@ pub struct Drive {
     serial: u32,
     files: TransferObjects,
     stored_objects: Option<Objects>,
+    /// Bits of 6502h: the modes that it has.
+    modes: u32,
 }
 
 impl Drive {
@@ -149,7 +151,15 @@ impl Drive {
             serial,
             files: TransferObjects::default(),
             stored_objects: None,
+            modes: ALL_MODES,
         }
+    }
+
+    /// An inverter: a drive with the velocity mode alone.
+    #[must_use]
+    pub const fn with_velocity_mode_only(mut self) -> Self {
+        self.modes = VELOCITY_MODE;
+        self
     }
 
     /// [`new`](Self::new) with other factory values.
@@ -328,7 +338,7 @@ impl Drive {
 
     fn set_slow_path(&mut self, tag: u16, value: u64) -> Result<(), AbortCode> {
         // Refused before it is stored, so that a read-back never shows a mode which the drive does not have.
-        if !is_allowed(tag, value.cast_signed()) {
+        if !self.is_allowed(tag, value.cast_signed()) {
             return Err(AbortCode::VALUE);
         }
         self.objects.set(tag, value as i32);
@@ -339,11 +349,28 @@ impl Drive {
             _ => self.with_axis(MotionAxis::handle_object_change),
         }
         // These act without an edge of the controlword (CiA 402-2, profile velocity and torque mode).
-        let turns = matches!(tag, stored::TARGET_VELOCITY | stored::TARGET_TORQUE | stored::MODE);
+        let turns = matches!(
+            tag,
+            stored::TARGET_VELOCITY | stored::TARGET_TORQUE | stored::VL_TARGET | stored::MODE
+        );
         if turns && self.axis.state().has_power() {
             self.starts += 1;
         }
         Ok(())
+    }
+
+    /// Returns false for values that are refused although they lie within the entry's limits.
+    const fn is_allowed(&self, tag: u16, value: i64) -> bool {
+        match tag {
+            // The bit of mode 1 is bit 0 (CiA 402-2, 6502h).
+            stored::MODE => match value as i8 {
+                0 => true,
+                mode @ 1..=10 => self.modes >> (mode - 1) & 1 != 0,
+                _ => false,
+            },
+            stored::HOMING_METHOD => is_method(value as i8),
+            _ => true,
+        }
     }
 
     /// Positions in user units, from where 0 is.
@@ -386,6 +413,11 @@ impl Drive {
             computed::CLOCK => self.clock_value(),
             computed::STREAMED => self.files.streamed().into(),
             computed::STREAM_CHECK => self.files.stream_crc().into(),
+            computed::MODES => self.modes.into(),
+            computed::VL_DEMAND => {
+                nearest(shaft.setpoint().velocity / self.objects.velocity_mode_unit())
+            }
+            computed::VL_VELOCITY => nearest(shaft.velocity() / self.objects.velocity_mode_unit()),
             _ => 0,
         }
     }
@@ -408,24 +440,6 @@ impl Drive {
 
 fn input_bit(n: u8, closed: bool) -> i64 {
     i64::from(closed) << n
-}
-
-/// Returns false for values that are refused although they lie within the entry's limits.
-const fn is_allowed(tag: u16, value: i64) -> bool {
-    match tag {
-        stored::MODE => matches!(
-            value as i8,
-            0 | modes::PROFILE_POSITION
-                | modes::PROFILE_VELOCITY
-                | modes::PROFILE_TORQUE
-                | modes::HOMING
-                | modes::CYCLIC_POSITION
-                | modes::CYCLIC_VELOCITY
-                | modes::CYCLIC_TORQUE
-        ),
-        stored::HOMING_METHOD => is_method(value as i8),
-        _ => true,
-    }
 }
 
 impl NodeIdentity for Drive {

@@ -36,12 +36,12 @@ impl Family for Cia402 {
     type Device = device::Device;
 
     fn profiles() -> &'static [&'static Profile] {
-        static ALL: [&Profile; 1] = [&profile::CIA402];
+        static ALL: [&Profile; 2] = [&profile::CIA402, &profile::CIA402_VL];
         &ALL
     }
 
     fn create_device<'a>(
-        _profile: &'static Profile,
+        profile: &'static Profile,
         options: &DeviceOptions<'a>,
     ) -> Result<Self::Device, &'a str> {
         let mut node = match options.address {
@@ -62,6 +62,9 @@ impl Family for Cia402 {
                 (key, _) => return Err(key),
             }
         }
-        Ok(device::Device::new(drive::Drive::new(node, serial, BIT_RATE)))
+        let drive = drive::Drive::new(node, serial, BIT_RATE);
+        let is_inverter = profile.name == profile::CIA402_VL.name;
+        let drive = if is_inverter { drive.with_velocity_mode_only() } else { drive };
+        Ok(device::Device::new(drive))
     }
 }

@@ -90,6 +90,12 @@ pub mod computed {
     pub const STREAMED: u16 = FIRST + 22;
     /// The check over them.
     pub const STREAM_CHECK: u16 = FIRST + 23;
+    /// Supported modes.
+    pub const MODES: u16 = FIRST + 24;
+    /// Velocity mode: velocity demand, rpm.
+    pub const VL_DEMAND: u16 = FIRST + 25;
+    /// Velocity mode: velocity, rpm.
+    pub const VL_VELOCITY: u16 = FIRST + 26;
 }
 
 const RO: ObjectAccess = ObjectAccess::RO.mappable();
@@ -112,7 +118,7 @@ const fn entry(
 const RPM: f64 = TAU / 60.0;
 
 /// Everything that is not the protocol's.
-const APPLICATION_ENTRIES: [ObjectEntry; 103] = {
+const APPLICATION_ENTRIES: [ObjectEntry; 118] = {
     use computed as r;
     use stored as k;
     let (u8, i8) = (ValueType::U8, ValueType::I8);
@@ -137,6 +143,31 @@ const APPLICATION_ENTRIES: [ObjectEntry; 103] = {
         entry(0x603F, 0, u16, RO, r::ERROR_CODE, "error code"),
         entry(0x6040, 0, u16, RW, k::CONTROL, "controlword"),
         entry(0x6041, 0, u16, RO, r::STATUS, "statusword"),
+        entry(0x6042, 0, i16, RW, k::VL_TARGET, "vl target velocity"),
+        entry(0x6043, 0, i16, RO, r::VL_DEMAND, "vl velocity demand"),
+        entry(0x6044, 0, i16, RO, r::VL_VELOCITY, "vl velocity actual value"),
+        entry(0x6046, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "vl velocity limits: highest sub-index")
+            .with_default(2),
+        entry(0x6046, 1, u32, RW, k::VL_MIN, "vl velocity min amount").with_limits(0, unsigned),
+        entry(0x6046, 2, u32, RW, k::VL_MAX, "vl velocity max amount")
+            .with_default(6000)
+            .with_limits(0, unsigned),
+        entry(0x6048, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "vl acceleration: highest sub-index")
+            .with_default(2),
+        entry(0x6048, 1, u32, RW, k::VL_ACCELERATION_SPEED, "delta speed")
+            .with_default(1500)
+            .with_limits(1, unsigned),
+        entry(0x6048, 2, u16, RW, k::VL_ACCELERATION_TIME, "delta time").with_default(1),
+        entry(0x6049, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "vl deceleration: highest sub-index")
+            .with_default(2),
+        entry(0x6049, 1, u32, RW, k::VL_DECELERATION_SPEED, "delta speed")
+            .with_default(1500)
+            .with_limits(1, unsigned),
+        entry(0x6049, 2, u16, RW, k::VL_DECELERATION_TIME, "delta time").with_default(1),
+        entry(0x604C, 0, u8, RO_UNMAPPED, PROTOCOL_TAG, "vl dimension factor: highest sub-index")
+            .with_default(2),
+        entry(0x604C, 1, i32, RW, k::VL_NUMERATOR, "numerator").with_default(1),
+        entry(0x604C, 2, i32, RW, k::VL_DIVISOR, "divisor").with_default(1),
         entry(0x605A, 0, i16, RW, k::QUICK_STOP_OPTION, "quick stop option code")
             .with_default(2)
             .with_limits(0, 8),
@@ -302,13 +333,14 @@ const APPLICATION_ENTRIES: [ObjectEntry; 103] = {
         entry(0x60FE, 2, u32, RW, k::OUTPUT_MASK, "output mask"),
         entry(0x60FF, 0, i32, RW, k::TARGET_VELOCITY, "target velocity"),
         entry(0x6402, 0, u16, RO_UNMAPPED, PROTOCOL_TAG, "motor type").with_default(10),
-        entry(0x6502, 0, u32, RO_UNMAPPED, PROTOCOL_TAG, "supported drive modes")
-            .with_default(MODES),
+        entry(0x6502, 0, u32, RO_UNMAPPED, r::MODES, "supported drive modes"),
     ]
 };
 
-/// Bits of 6502h: PP, PV, PT, HM, CSP, CSV, CST.
-const MODES: i64 = 0x3AD;
+/// Bits of 6502h: PP, VL, PV, PT, HM, CSP, CSV, CST.
+pub(super) const ALL_MODES: u32 = 0x3AF;
+/// Bit of 6502h of an inverter: VL.
+pub(super) const VELOCITY_MODE: u32 = 0x002;
 
 const fn default_number(index: u16, sub: u8, value: i64) -> (u16, u8, DefaultValue) {
     (index, sub, DefaultValue::Number(value))

@@ -11,8 +11,12 @@ use polepair_core::units::Unit;
 use std::collections::HashSet;
 use std::path::Path;
 
-/// Base profiles of a device, and of a drive.
-const BASE_PROFILES: (&str, &str) = ("canopen", "cia402");
+/// Base profile of a device.
+const DEVICE_PROFILE: &str = "canopen";
+/// Base profile of a drive.
+const DRIVE_PROFILE: &str = "cia402";
+/// Base profile of a drive that has the velocity mode, and no other for speeds.
+const INVERTER_PROFILE: &str = "cia402-vl";
 /// The parameter that identifies the product.
 const PRODUCT_CODE: &str = "product code";
 
@@ -53,7 +57,7 @@ pub(crate) fn draft_profile(path: &Path) -> Result<Draft, FileError> {
 
 /// Returns whether simulated drives of a profile can be what a sheet lists: those that have nothing of their own.
 pub(crate) fn accepts_sheet(profile: &Profile) -> bool {
-    profile.name == BASE_PROFILES.0 || profile.name == BASE_PROFILES.1
+    [DEVICE_PROFILE, DRIVE_PROFILE].contains(&profile.name)
 }
 
 /// The base profile of the device type in the sheet.
@@ -61,7 +65,13 @@ fn base_profile(eds: &Eds) -> Option<&'static Profile> {
     // Without a device type the controlword shows a drive.
     let kind = eds.entry(0x1000, 0).and_then(|entry| entry.default_at(1)).unwrap_or(0);
     let is_drive = kind & 0xFFFF == 402 || (kind == 0 && eds.object(0x6040).is_some());
-    let name = if is_drive { BASE_PROFILES.1 } else { BASE_PROFILES.0 };
+    let has = |index| eds.object(index).is_some();
+    let is_inverter = has(0x6042) && !has(0x60FF) && !has(0x607A);
+    let name = match (is_drive, is_inverter) {
+        (true, true) => INVERTER_PROFILE,
+        (true, false) => DRIVE_PROFILE,
+        (false, _) => DEVICE_PROFILE,
+    };
     let generic = crate::registry::protocols().into_iter().map(|protocol| protocol.generic);
     let mut all = polepair_drives::profiles().iter().copied().chain(generic);
     all.find(|profile| profile.name == name)

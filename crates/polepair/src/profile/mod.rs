@@ -38,6 +38,7 @@ mod step;
 mod stops;
 #[cfg(test)]
 mod tests;
+mod watchdog;
 
 pub use catalogue::{Listed, catalogue, find_shipped, shipped_profiles};
 pub use setup::write_setup;

@@ -13,6 +13,7 @@ mod events;
 mod examples;
 mod heard;
 mod instruction_programs;
+mod inverter;
 mod library;
 mod look;
 mod lss;

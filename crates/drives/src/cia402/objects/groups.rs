@@ -6,7 +6,9 @@ use super::stored;
 pub(super) const fn bits(tags: &[u16]) -> u64 {
     let (mut bits, mut at) = (0, 0);
     while at < tags.len() {
-        bits |= 1 << tags[at];
+        if tags[at] < 64 {
+            bits |= 1 << tags[at];
+        }
         at += 1;
     }
     bits

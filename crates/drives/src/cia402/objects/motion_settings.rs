@@ -1,11 +1,16 @@
 //! Settings of the motion from the objects, in SI units.
 
-use polepair_core::proto::canopen::device::motion::{MotionLimits, MotionWindows, StopReactions};
+use polepair_core::proto::canopen::device::motion::{
+    MotionLimits, MotionWindows, StopReactions, modes,
+};
 
 use super::*;
 
 impl MotionLimits for Objects {
     fn profile(&self) -> Limits {
+        if self.is_in_velocity_mode() {
+            return self.velocity_mode_limits();
+        }
         let top = self
             .real_value(stored::PROFILE_VELOCITY)
             .min(self.real_value(stored::MAX_PROFILE_VELOCITY));
@@ -28,6 +33,9 @@ impl MotionLimits for Objects {
     #[inline]
     fn velocity_max(&self) -> f64 {
         let motor = self.real_value(stored::MAX_MOTOR_SPEED) * RPM;
+        if self.is_in_velocity_mode() {
+            return motor.min(self.real_value(stored::VL_MAX) * self.velocity_mode_unit());
+        }
         self.rad_value(stored::MAX_PROFILE_VELOCITY).min(motor)
     }
 
@@ -102,6 +110,9 @@ impl MotionSettings for Objects {
 
     #[inline]
     fn target_velocity(&self) -> f64 {
+        if self.is_in_velocity_mode() {
+            return self.velocity_mode_target();
+        }
         self.real_value(stored::TARGET_VELOCITY) * self.rad_per_velocity
     }
 
@@ -137,6 +148,46 @@ impl MotionSettings for Objects {
 
     fn relative_to(&self) -> u8 {
         self.value(stored::POSITIONING) as u8
+    }
+}
+
+/// Bits of the controlword by which the ramp runs and follows 6042h (CiA 402-2, velocity mode).
+const RAMP_BITS: i32 = 0x70;
+
+impl Objects {
+    #[inline]
+    const fn is_in_velocity_mode(&self) -> bool {
+        self.values[stored::MODE as usize] == modes::VELOCITY as i32
+    }
+
+    /// rad/s in a step of 6042h to 6049h: an rpm, by the dimension factor.
+    pub(in super::super) fn velocity_mode_unit(&self) -> f64 {
+        match (self.real_value(stored::VL_NUMERATOR), self.real_value(stored::VL_DIVISOR)) {
+            (numerator, divisor) if numerator != 0.0 && divisor != 0.0 => RPM * numerator / divisor,
+            _ => RPM,
+        }
+    }
+
+    /// The target, rad/s: 0 unless the ramp follows it, and never less than the least speed.
+    fn velocity_mode_target(&self) -> f64 {
+        let target = self.real_value(stored::VL_TARGET);
+        if target == 0.0 || self.value(stored::CONTROL) & RAMP_BITS != RAMP_BITS {
+            return 0.0;
+        }
+        target.signum()
+            * target.abs().max(self.real_value(stored::VL_MIN))
+            * self.velocity_mode_unit()
+    }
+
+    fn velocity_mode_limits(&self) -> Limits {
+        let unit = self.velocity_mode_unit();
+        let ramp = |speed, time| self.real_value(speed) * unit / self.real_value(time).max(0.001);
+        Limits {
+            velocity: self.real_value(stored::VL_MAX) * unit,
+            acceleration: ramp(stored::VL_ACCELERATION_SPEED, stored::VL_ACCELERATION_TIME),
+            deceleration: ramp(stored::VL_DECELERATION_SPEED, stored::VL_DECELERATION_TIME),
+            smoothing_s: 0.0,
+        }
     }
 }
 

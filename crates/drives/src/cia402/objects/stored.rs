@@ -124,5 +124,23 @@ pub const VELOCITY_FACTOR_DIVISOR: u16 = 59;
 pub const ACCELERATION_FACTOR: u16 = 60;
 /// Acceleration factor, divisor.
 pub const ACCELERATION_FACTOR_DIVISOR: u16 = 61;
+/// Velocity mode: target velocity, rpm.
+pub const VL_TARGET: u16 = 62;
+/// Velocity mode: least speed, rpm.
+pub const VL_MIN: u16 = 63;
+/// Velocity mode: greatest speed, rpm.
+pub const VL_MAX: u16 = 64;
+/// Velocity mode: change of speed of the acceleration, rpm.
+pub const VL_ACCELERATION_SPEED: u16 = 65;
+/// Velocity mode: time of that change, s.
+pub const VL_ACCELERATION_TIME: u16 = 66;
+/// Velocity mode: change of speed of the deceleration, rpm.
+pub const VL_DECELERATION_SPEED: u16 = 67;
+/// Velocity mode: time of that change, s.
+pub const VL_DECELERATION_TIME: u16 = 68;
+/// Velocity mode: dimension factor, numerator.
+pub const VL_NUMERATOR: u16 = 69;
+/// Velocity mode: dimension factor, divisor.
+pub const VL_DIVISOR: u16 = 70;
 /// Number of these objects.
-pub const COUNT: usize = 62;
+pub const COUNT: usize = 71;

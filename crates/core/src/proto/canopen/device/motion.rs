@@ -23,6 +23,8 @@ pub use power::PowerState;
 pub mod modes {
     /// Profile position.
     pub const PROFILE_POSITION: i8 = 1;
+    /// Velocity, the mode of inverters: a speed in rpm along a ramp.
+    pub const VELOCITY: i8 = 2;
     /// Profile velocity.
     pub const PROFILE_VELOCITY: i8 = 3;
     /// Profile torque.
@@ -76,7 +78,7 @@ pub struct HomingSettings {
 
 /// Limits of speed, torque and position.
 pub trait MotionLimits {
-    /// Speed and ramps of a profile (6081h, 6083h, 6084h).
+    /// Speed and ramps of a profile (6081h, 6083h, 6084h; in the velocity mode 6046h, 6048h, 6049h).
     fn profile(&self) -> Limits;
 
     /// Torque slope (6087h), shares of the rated torque per second; 0 is at once.
@@ -150,7 +152,7 @@ pub trait MotionSettings: MotionLimits + MotionWindows + StopReactions {
     /// Target position (607Ah), rad.
     fn target_position(&self) -> f64;
 
-    /// Target velocity (60FFh), rad/s.
+    /// Target velocity (60FFh, in the velocity mode 6042h), rad/s.
     fn target_velocity(&self) -> f64;
 
     /// Target torque (6071h), share of the rated torque.

@@ -212,7 +212,7 @@ impl<const N: usize> MotionAxis<N> {
         let settings = scene.settings;
         // A new target is not reached by what was reached before.
         let left = match self.mode {
-            modes::PROFILE_VELOCITY => {
+            modes::VELOCITY | modes::PROFILE_VELOCITY => {
                 let distance = scene.shaft.velocity() - settings.target_velocity();
                 distance.abs() > settings.velocity_window().width
             }
@@ -335,7 +335,7 @@ impl<const N: usize> MotionAxis<N> {
         let dirty = core::mem::take(&mut self.needs_update);
         match self.mode {
             modes::PROFILE_POSITION => self.tick_position(dirty, scene),
-            modes::PROFILE_VELOCITY => self.tick_velocity(dirty, scene),
+            modes::VELOCITY | modes::PROFILE_VELOCITY => self.tick_velocity(dirty, scene),
             modes::PROFILE_TORQUE => self.tick_torque(scene),
             modes::HOMING => self.tick_homing(scene),
             modes::CYCLIC_POSITION => self.tick_cyclic_position(scene),
