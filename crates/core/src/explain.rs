@@ -298,6 +298,14 @@ pub trait AddressNotation {
         ""
     }
 
+    /// The address that manuals of other makers mean by a text, where that has another form than here: `R 0` for
+    /// Modbus' 40001. It is no address for [`parse_address`](Self::parse_address), because a manual may also mean the
+    /// number itself.
+    fn manual_address(&self, text: &str) -> Option<ParameterAddress> {
+        let _ = text;
+        None
+    }
+
     /// Writes an address as [`parse_address`](Self::parse_address) reads it, without its type.
     fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
         let _ = (address, out);

@@ -88,12 +88,21 @@ pub enum WriteValue {
     Raw(i64),
 }
 
+impl fmt::Display for Amount {
+    /// Formats the amount as the caller gave it.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(number) | Self::Either(number) => number.fmt(f),
+            Self::Text(text) | Self::Own(text) => f.write_str(text),
+        }
+    }
+}
+
 impl fmt::Display for WriteValue {
     /// Formats the value as the caller gave it.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Amount(Amount::Number(number) | Amount::Either(number)) => number.fmt(f),
-            Self::Amount(Amount::Text(text) | Amount::Own(text)) => f.write_str(text),
+            Self::Amount(amount) => amount.fmt(f),
             Self::Raw(raw) => write!(f, "{raw} raw"),
         }
     }
@@ -205,7 +214,7 @@ fn own_raw(parameter: &Parameter, text: &str) -> Result<i64, Error> {
     let encoding = parameter.encoding;
     if let Some(parts) = own_fraction(encoding) {
         let number = quantity::parse(text)?.si * parts;
-        return encoding.raw(number).ok_or_else(|| out_of_bits(text));
+        return encoding.raw(number).ok_or_else(|| misfit_error(parameter, &text));
     }
     // Half a raw step cannot be written, and rounding it would be a guess.
     let whole = parse_whole(text).ok_or_else(|| {
@@ -246,6 +255,17 @@ fn raw_of_whole(encoding: Encoding, whole: i128) -> Option<i64> {
         Encoding::U64 | Encoding::U64LowFirst => u64::try_from(whole).ok().map(u64::cast_signed),
         _ => i64::try_from(whole).ok(),
     }
+}
+
+/// The error for a number that the parameter's encoding cannot hold.
+pub(crate) fn misfit_error(parameter: &Parameter, number: &dyn fmt::Display) -> Error {
+    let (encoding, name) = (parameter.encoding, parameter.name);
+    let into = match (encoding.is_real(), encoding.size()) {
+        (true, 4) => "a 32-bit float (1.2e-38 to 3.4e38)".to_owned(),
+        (true, _) => "a 64-bit float".to_owned(),
+        (false, bytes) => format!("{} bits", u32::from(bytes) * 8),
+    };
+    Error::usage("E216", format!("`{name}`: {number} does not fit into {into}"), "")
 }
 
 fn out_of_bits(text: &str) -> Error {

@@ -58,7 +58,7 @@ pub use stop::{
 pub use watchdog::WatchdogState;
 pub use write_plan::{NamedValue, PlannedWrite, WriteChange, WritePlan};
 
-use crate::amount::{Amount, Value};
+use crate::amount::{Amount, Value, misfit_error};
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::mounting::ResolvedMounting;
@@ -285,6 +285,10 @@ impl LocalAxis {
                 self.connection.with_axes(|axes, _| axes.to_raw(self.index, id, si))
             },
             || {
+                let zero = self.connection.with_axes(|axes, _| axes.to_raw(self.index, id, 0.0));
+                if zero.is_some() {
+                    return misfit_error(parameter, amount);
+                }
                 let what = format!("`{}`: the scale of this value is not known", parameter.name);
                 Error::usage("E217", what, "write it raw")
             },

@@ -333,3 +333,30 @@ fn a_node_of_two_axes_is_simulated_and_stopped() {
     served.end();
     std::fs::remove_dir_all(folder).expect("removed");
 }
+
+/// Manuals number registers from 1, behind a digit for the table.
+#[test]
+fn numbers_of_the_data_model_are_explained() {
+    for (number, here) in [
+        ("40001", "`R 0`"),
+        ("30051", "`IR 50`"),
+        ("10003", "`DI 2`"),
+        ("00010", "`C 9`"),
+        ("400100", "`R 99`"),
+    ] {
+        let wrong = polepair(&["get", "sim:modbus-rtu", number]);
+        assert!(wrong.code == 2 && wrong.err.contains(here), "{number}: {}", wrong.err);
+    }
+    let named = polepair(&["get", "sim:canopen", "40001"]);
+    assert!(!named.err.contains("manual"), "{}", named.err);
+}
+
+#[test]
+fn a_number_that_no_float_holds_is_refused() {
+    for (value, code) in [("1e39", 2), ("1e-50", 2), ("-1e39", 2), ("3.5", 0), ("1e-40", 0)] {
+        let write = format!("0x40:f32={value}");
+        let ran = polepair(&["set", "sim:modbus-rtu", &write, "--arm"]);
+        assert_eq!(ran.code, code, "{value}: {}", ran.err);
+        assert_eq!(code == 2, ran.err.contains("does not fit into a 32-bit float"), "{}", ran.err);
+    }
+}

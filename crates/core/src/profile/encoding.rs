@@ -181,8 +181,8 @@ impl Encoding {
         }
     }
 
-    /// The raw value of a number, rounded to the nearest; `None` where it has none, or is too great to
-    /// be exact.
+    /// The raw value of a number, rounded to the nearest; `None` where it has none, is too great to
+    /// be exact, or is a fraction so small that a float makes zero of it.
     #[must_use]
     pub fn raw(self, number: f64) -> Option<i64> {
         // Beyond this a float no longer counts single steps.
@@ -190,7 +190,8 @@ impl Encoding {
         match self {
             Self::F32 | Self::F32LowFirst => {
                 let real = number as f32;
-                real.is_finite().then_some(real.to_bits().into())
+                let vanishes = real == 0.0 && number != 0.0;
+                (real.is_finite() && !vanishes).then_some(real.to_bits().into())
             }
             Self::F64 | Self::F64LowFirst => {
                 number.is_finite().then_some(number.to_bits().cast_signed())

@@ -48,6 +48,12 @@ impl LocalAxis {
         if !example.is_empty() {
             hint += &format!("; `{example}` is an example of a number");
         }
+        if let Some(address) = self.manual_address(name) {
+            hint = format!(
+                "if a manual has {name}, it is `{address}` here: the digit of the table and the 1 that it counts \
+                 from are not sent"
+            );
+        }
         Err(Error::usage("E213", what, hint))
     }
 
@@ -111,6 +117,15 @@ impl LocalAxis {
     #[must_use]
     pub fn address_example(&self) -> &'static str {
         self.dissector().map_or("", |dissector| dissector.address_example())
+    }
+
+    /// The address that a manual of another maker means by a number, in our notation.
+    fn manual_address(&self, text: &str) -> Option<String> {
+        let dissector = self.dissector()?;
+        let address = dissector.manual_address(text)?;
+        let mut written = String::new();
+        dissector.write_address(&address, &mut written);
+        Some(written)
     }
 
     /// A parameter of the profile, or one that was found by its number.

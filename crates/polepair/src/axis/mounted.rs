@@ -155,6 +155,10 @@ impl LocalAxis {
     /// Factor of a parameter's value on its way to the drive.
     pub(crate) fn factor(&self, id: ParameterId) -> f64 {
         let Some(mounted) = self.own_mounting() else { return 1.0 };
+        // Shown as the drive's own number, it is that number: neither gear nor direction may change it.
+        if self.is_unscaled(id) {
+            return 1.0;
+        }
         let unit = self.parameter(id).map_or(Unit::None, |parameter| parameter.unit);
         mounted.role(id).map_or(1.0, |role| mounted.factor(role, unit))
     }
@@ -217,6 +221,10 @@ impl LocalAxis {
             } else {
                 written.map_or(Unit::None, |parameter| parameter.unit)
             };
+            let id = destination(self.profile, command.verb, which).flatten();
+            if id.is_some_and(|id| self.is_unscaled(id)) {
+                continue;
+            }
             let value = Some(value * mounted.factor(role, unit));
             match which {
                 Argument::Target => command.target = value,
@@ -237,6 +245,12 @@ impl LocalAxis {
         }
         let ends = self.own_mounting().and_then(|mounted| mounted.mounting.position.as_ref());
         let Some(ends) = ends else { return Ok(()) };
+        let position = self.profile.signal(Signal::Position).map(|source| source.parameter);
+        if position.is_some_and(|id| self.is_unscaled(id)) {
+            let what = "its positions have no unit, so its limits cannot be checked";
+            let hint = "give the drive its encoder's resolution, or take the limits away";
+            return Err(self.limit_error(what, &ends.location, hint));
+        }
         // NaN lies within no limits, so a missing target is refused and never passes as zero.
         let target = command.target.unwrap_or(f64::NAN);
         match command.verb {

@@ -4,7 +4,7 @@
 //! scale is used for the conversion.
 
 use super::LocalAxis;
-use crate::amount::{Amount, Value};
+use crate::amount::{Amount, Value, misfit_error};
 use crate::error::Error;
 use polepair_core::profile::{NoScale, Parameter, ParameterId};
 use polepair_core::units::Unit;
@@ -50,6 +50,9 @@ impl LocalAxis {
             unit,
             |si| parameter.encoding.raw(si * self.factor(id) / step),
             || {
+                if parameter.encoding.raw(0.0 / step).is_some() {
+                    return misfit_error(parameter, amount);
+                }
                 let what = format!("`{}`: its scale would be zero or nothing", parameter.name);
                 Error::usage("E217", what, "write what it is scaled by with another value")
             },

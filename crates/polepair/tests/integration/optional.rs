@@ -4,6 +4,8 @@
 use polepair::axis::WatchdogState;
 use polepair::doctor::{self, Grade};
 use polepair::{Amount, Connector, LocalAxis, LocalLink};
+use polepair_core::axis::{Command, Verb};
+use polepair_core::plan::Argument;
 use polepair_core::profile::Signal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -223,4 +225,37 @@ fn life_guarding_is_a_watchdog_of_another_host() {
     // A drive without these objects has none.
     let link = polepair::connect_local("sim:cia402:5?time=virtual").expect("a simulation");
     assert_eq!(link.axes()[0].watchdog().unwrap(), WatchdogState::Off);
+}
+
+/// Shown as the drive's own number, it is that number: a rack's gear and direction change what has a unit.
+#[test]
+fn a_rack_scales_no_number_of_the_drives_own() {
+    let files = Files::without(&[0x608F]);
+    let rack = files.0.join("rack.toml");
+    let text = std::fs::read_to_string(&rack).unwrap();
+    std::fs::write(&rack, format!("{text}gear = 2\ndirection = \"inverted\"\n")).unwrap();
+    let link = polepair::connect_local(&files.urls()[0]).expect("a simulation");
+    let axis = &link.axes()[0];
+    let shown = |name: &str| {
+        let id = axis.find(name).unwrap();
+        let raw = axis.read(id).unwrap();
+        (axis.value(id, raw).unwrap().value, raw)
+    };
+    axis.arm(true);
+    axis.set_raw("target position", 1000).unwrap();
+    assert_eq!(shown("target position"), (1000.0, 1000));
+    let target = axis.raw_argument(Verb::MoveTo, Argument::Target, 500).unwrap();
+    axis.enable().unwrap();
+    axis.run(Command { target: Some(target), raw: true, ..Command::new(Verb::MoveTo) }).unwrap();
+    assert_eq!(shown("target position"), (500.0, 500));
+    // A limit in degrees cannot be held against numbers of the drive's own.
+    let limited = format!("{text}limits = {{ position = [\"0 deg\", \"360 deg\"] }}\n");
+    std::fs::write(&rack, limited).unwrap();
+    let link = polepair::connect_local(&files.urls()[0]).expect("a simulation");
+    let axis = &link.axes()[0];
+    assert_eq!(axis.get_raw("position actual").unwrap(), 0);
+    axis.arm(true);
+    axis.enable().unwrap();
+    let refused = axis.run(Command { target: Some(1.0), ..Command::new(Verb::MoveTo) });
+    assert_eq!(refused.unwrap_err().code(), "E223");
 }

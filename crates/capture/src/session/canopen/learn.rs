@@ -46,7 +46,9 @@ impl CanopenTracker {
         self.emit_signals(id, settled, raw, notices);
         let profile = self.node_profile(id);
         let node = self.node_mut(id);
-        node.power.handle_value(id, object, raw, &mut node.faults, profile, notices);
+        if !meanings::is_part_of_word(object, len) {
+            node.power.handle_value(id, object, raw, &mut node.faults, profile, notices);
+        }
         let drive = match object.index {
             0x1000 => raw as u16 == cia402::PROFILE_NUMBER,
             0x603F..=0x60FF => true,

@@ -139,6 +139,22 @@ impl AddressNotation for ModbusDissector {
         "0x33:u16"
     }
 
+    /// Data model numbers, which begin at 1 behind a digit for the table: five or six digits (MAP 4.3, and
+    /// the "Modicon convention" of manuals).
+    fn manual_address(&self, text: &str) -> Option<ParameterAddress> {
+        let is_number = matches!(text.len(), 5 | 6) && text.bytes().all(|c| c.is_ascii_digit());
+        let (table, number) = is_number.then(|| text.split_at(1))?;
+        let space = match table {
+            "0" => Space::Coil,
+            "1" => Space::Discrete,
+            "3" => Space::Input,
+            "4" => Space::Holding,
+            _ => return None,
+        };
+        let index = number.parse::<u32>().ok()?.checked_sub(1)?;
+        Some(ParameterAddress::new(u16::try_from(index).ok()?, space_number(space)))
+    }
+
     fn write_address(&self, address: &ParameterAddress, out: &mut dyn core::fmt::Write) {
         // A caller that gives no room gets no text.
         let _ = write(address, out);

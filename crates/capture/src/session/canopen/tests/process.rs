@@ -78,6 +78,16 @@ fn a_start_makes_what_was_written_doubtful() {
     bus.send(0x705, &[0]).send(0x185, &[0x37, 6]).report().assert_clean();
 }
 
+/// A device that answers with one byte has another object there.
+#[test]
+fn one_byte_of_a_statusword_is_no_state() {
+    let statusword = ObjectIndex::new(0x6041, 0);
+    let mut bus = CanopenLog::default();
+    assert!(bus.read(statusword, 0x37, 1).report().changes("power").is_empty());
+    let mut bus = CanopenLog::default();
+    assert_eq!(bus.read(statusword, 0x237, 2).report().changes("power").len(), 1);
+}
+
 #[test]
 fn the_states_of_a_drive_are_changes() {
     let mut bus = CanopenLog::default();

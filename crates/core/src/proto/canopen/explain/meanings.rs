@@ -82,6 +82,13 @@ const fn standard_width(object: ObjectIndex) -> u8 {
     }
 }
 
+/// Returns whether a value of `len` bytes is only a part of the controlword or the statusword, which shows no state: a
+/// device that answers so has another object there.
+#[must_use]
+pub const fn is_part_of_word(object: ObjectIndex, len: u8) -> bool {
+    matches!((object.index, object.sub), (0x6040 | 0x6041, 0)) && len == 1
+}
+
 /// `bits` as the object's value.
 #[must_use]
 pub fn decode_number(

@@ -76,6 +76,13 @@ fn write_remarks(
     let profile = context.profile;
     match *statement {
         Statement::Request(SdoRequest::Write(object, short), _)
+        | Statement::Reply(SdoReply::Value(object, short), _)
+            if meanings::is_part_of_word(object, short.len) && short.bits <= 0xFF =>
+        {
+            meanings::write_label(object, profile, out)?;
+            write!(out, "{}; one byte of two, so no state", short.bits)?;
+        }
+        Statement::Request(SdoRequest::Write(object, short), _)
         | Statement::Reply(SdoReply::Value(object, short), _) => {
             meanings::write_value(
                 object,
