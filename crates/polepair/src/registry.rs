@@ -66,6 +66,12 @@ pub(crate) fn sub_axes(protocol: &str) -> RangeInclusive<u8> {
     found.map_or(1..=1, |known| known.sub_axes)
 }
 
+/// The greatest number of an axis that profiles of a protocol can have at one address; on some it counts from 0.
+pub(crate) fn last_sub_axis(profile_protocol: &str) -> u8 {
+    let known = protocols().into_iter().filter(|known| known.profile == profile_protocol);
+    known.map(|known| *known.sub_axes.end()).max().unwrap_or(1)
+}
+
 impl ProtocolInfo {
     /// Returns whether its drives can have that baud or bit rate.
     pub(crate) fn has_rate(&self, rate: u32) -> bool {

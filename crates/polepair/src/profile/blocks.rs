@@ -28,6 +28,29 @@ pub(super) fn read_fragments(node: &TomlTable<'_, '_>) -> Result<Vec<Fragment>, 
         .collect()
 }
 
+/// Refuses a fragment that no step of the file uses: it would change nothing.
+pub(super) fn check_used(
+    fragments: &[Fragment],
+    steps: &[Located<String>],
+    node: &TomlTable<'_, '_>,
+) -> Result<(), FileError> {
+    let inner = fragments.iter().flat_map(|(_, steps)| steps);
+    let used: Vec<&str> = steps
+        .iter()
+        .chain(inner)
+        .filter_map(|step| step.value.trim().strip_prefix("use "))
+        .collect();
+    let unused = fragments.iter().find(|(name, _)| !used.iter().any(|used| used.trim() == name));
+    let Some((name, steps)) = unused else { return Ok(()) };
+    let location = steps.first().map_or_else(|| node.location(), |step| step.location.clone());
+    let inherited = if node.has("extends") {
+        "; the plans of the profile that it extends have theirs already, so give those plans anew too"
+    } else {
+        ""
+    };
+    Err(location.error(format!("no plan of this file uses the fragment `{name}`{inherited}")))
+}
+
 /// Reads the steps of a plan.
 pub(super) fn read_steps(
     steps: &[Located<String>],

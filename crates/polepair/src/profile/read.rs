@@ -7,8 +7,8 @@ use super::draft::{
 };
 use super::watchdog::read_watchdog;
 use super::{bits, blocks, digits, memory_map, signals};
-use crate::spelling;
 use crate::toml_file::{FileError, Located, SourceText, TomlTable};
+use crate::{registry, spelling};
 use polepair_core::axis::Verb;
 use polepair_core::convert::saturating;
 use polepair_core::profile::{
@@ -239,6 +239,12 @@ fn read_head(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErro
         draft.axis = axis.try_map(|word| parse_choice(&word, &AXES))?;
     }
     if let Some(motors) = node.integer_between("motors", 1, 8)? {
+        let last = registry::last_sub_axis(&draft.protocol);
+        if motors > i64::from(last.max(1)) && last < 2 {
+            let location = node.scalar_text("motors")?.map_or(node.location(), |at| at.location);
+            let reason = format!("`motors` is {motors}: on {} an address has one", draft.protocol);
+            return Err(location.error(reason));
+        }
         draft.motors = saturating(motors);
     }
     if let Some(function) = node.text("write")? {
@@ -640,7 +646,10 @@ fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {
 fn read_plans(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
     let names = Verb::ALL.map(Verb::name);
     let fragments = blocks::read_fragments(node)?;
-    let Some(table) = node.table("plans", &names)? else { return Ok(()) };
+    let Some(table) = node.table("plans", &names)? else {
+        return blocks::check_used(&fragments, &[], node);
+    };
+    let mut texts = Vec::new();
     for verb in Verb::ALL.into_iter().filter(|verb| table.has(verb.name())) {
         let keys = ["source", "steps", "undo"];
         let Some(node) = table.table(verb.name(), &keys)? else { continue };
@@ -648,17 +657,19 @@ fn read_plans(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErr
         if steps.is_empty() {
             return Err(node.location().error("a plan needs `steps`"));
         }
+        let undo = node.texts("undo")?;
         let plan = DraftPlan {
             location: node.location(),
             verb,
             source: optional_text(&node, "source")?,
             steps: blocks::read_steps(&steps, &fragments)?,
-            undo: blocks::read_steps(&node.texts("undo")?, &fragments)?,
+            undo: blocks::read_steps(&undo, &fragments)?,
         };
+        texts.extend(steps.into_iter().chain(undo));
         match draft.plans.iter_mut().find(|p| p.verb == verb) {
             Some(old) => *old = plan,
             None => draft.plans.push(plan),
         }
     }
-    Ok(())
+    blocks::check_used(&fragments, &texts, node)
 }

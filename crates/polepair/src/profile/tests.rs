@@ -456,6 +456,33 @@ fn blocks_and_fragments_are_skips() {
     }
 }
 
+/// A key that changes nothing is not ignored: its author took it for a change.
+#[test]
+fn useless_keys_are_refused_with_their_place() {
+    for (text, reason) in [
+        (
+            "name = \"own\"\nextends = \"cia402\"\nprotocol = \"canopen\"\n[fragments]\n\
+             power-up = [\"write controlword = 15\"]\n",
+            "5:13: no plan of this file uses the fragment `power-up`; the plans of the profile",
+        ),
+        (
+            "name = \"two\"\nprotocol = \"modbus\"\nmotors = 2\n",
+            "3:10: `motors` is 2: on modbus an address has one",
+        ),
+        (
+            "name = \"two\"\nprotocol = \"thruster\"\nmotors = 3\n",
+            "3:10: `motors` is 3: on thruster an address has one",
+        ),
+    ] {
+        let error = parse("drive.toml", text).unwrap_err().to_string();
+        assert!(error.contains(&format!("drive.toml:{reason}")), "{error}");
+    }
+    for protocol in ["tmcl", "canopen"] {
+        let text = format!("name = \"two\"\nprotocol = \"{protocol}\"\nmotors = 2\n");
+        assert_eq!(parse("drive.toml", &text).unwrap().motors, 2, "{protocol}");
+    }
+}
+
 #[test]
 fn a_plan_loses_the_steps_that_need_what_is_missing() {
     let text = r#"
