@@ -14,7 +14,7 @@ use crate::verb::Verb;
 
 pub use crate::parameter_id::ParameterId;
 pub use address::{ParameterAddress, encoding_word, parse_address_number, parse_encoding};
-pub use bits::BitName;
+pub use bits::{BitName, bit_names};
 pub use digits::{DigitDefect, DigitField};
 pub use encoding::Encoding;
 pub use motion::{CouplingParameters, MotionRules, RelativeBase};

@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::quantity;
-use polepair_core::profile::{BitName, Encoding, Parameter, Scale, same_name};
+use polepair_core::profile::{BitName, Encoding, Parameter, Scale, bit_names, same_name};
 use polepair_core::units::Unit;
 use std::fmt::{self, Write as _};
 
@@ -318,16 +318,11 @@ impl Value {
         format_raw(self.encoding, self.raw)
     }
 
-    fn bit_names(&self) -> impl Iterator<Item = &'static str> {
-        let set = self.bits.iter().filter(|known| self.raw & known.mask == known.value);
-        set.map(|known| known.name)
-    }
-
     /// The value with the drive's own number behind it, where that is another one: `1.2 A (12)`.
     #[must_use]
     pub fn text_with_own(&self) -> String {
         let text = self.to_string();
-        if self.word.is_none() && self.bit_names().next().is_some() {
+        if self.word.is_none() && bit_names(self.bits, self.raw).next().is_some() {
             return text;
         }
         let own = match own_fraction(self.encoding) {
@@ -349,7 +344,7 @@ impl fmt::Display for Value {
         if let Some(word) = self.word {
             return f.write_str(word);
         }
-        let mut names = self.bit_names();
+        let mut names = bit_names(self.bits, self.raw);
         if let Some(first) = names.next() {
             write!(f, "0x{:04X} ({first}", self.raw)?;
             names.try_for_each(|name| write!(f, ", {name}"))?;

@@ -136,7 +136,7 @@ fn a_firmware_without_a_watchdog_is_reported_so_and_is_not_wrong() {
         let ran = request(&["info"]);
         assert_eq!(ran.code, 0, "{}{}", ran.out, ran.err);
         let row = ran.out.lines().find(|line| line.trim().starts_with("watchdog")).expect("a row");
-        assert!(row.contains("this firmware has none (`serial heartbeat`)"), "{row}");
+        assert!(row.contains("none in this firmware (`serial heartbeat`)"), "{row}");
         assert!(row.contains("continues its last command"), "{row}");
         let ran = request(&["doctor"]);
         assert!(ran.out.contains("no watchdog: the motor continues"), "{}", ran.out);
@@ -144,7 +144,7 @@ fn a_firmware_without_a_watchdog_is_reported_so_and_is_not_wrong() {
         let ran = request(&["watchdog"]);
         assert_eq!(ran.code, 0, "{}", ran.err);
         assert!(
-            ran.out.contains("axis 1: this firmware has none (`serial heartbeat`)"),
+            ran.out.contains("axis 1: none in this firmware (`serial heartbeat`)"),
             "{}",
             ran.out
         );

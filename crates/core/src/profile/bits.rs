@@ -1,7 +1,5 @@
 //! Words in which bits, or groups of bits, have names of their own: statuswords, error registers.
 
-use super::Parameter;
-
 /// A name of a pattern of bits.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct BitName {
@@ -25,12 +23,10 @@ impl BitName {
     }
 }
 
-impl Parameter {
-    /// Names of the patterns in a raw value, in the order of the profile.
-    pub fn bit_names(&self, raw: i64) -> impl Iterator<Item = &'static str> + use<> {
-        let found = self.bits.iter().filter(move |known| raw & known.mask == known.value);
-        found.map(|known| known.name)
-    }
+/// Names of the patterns in a raw value, in the order of the profile.
+pub fn bit_names(bits: &'static [BitName], raw: i64) -> impl Iterator<Item = &'static str> {
+    let found = bits.iter().filter(move |known| raw & known.mask == known.value);
+    found.map(|known| known.name)
 }
 
 #[cfg(test)]

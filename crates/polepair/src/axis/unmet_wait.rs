@@ -4,7 +4,7 @@ use super::LocalAxis;
 use super::failure::value_word;
 use polepair_core::axis::UnmetWait;
 use polepair_core::plan::Compare;
-use polepair_core::profile::{Parameter, Signal};
+use polepair_core::profile::{Parameter, Signal, bit_names};
 
 /// Hint for a drive that another of its interfaces controls (CiA 402-2, bit 9 of the statusword).
 const REMOTE_HINT: &str =
@@ -63,7 +63,7 @@ fn unmet_bits_reason(
     value: i64,
 ) -> String {
     let name = parameter.name;
-    let names = parameter.bit_names(value).collect::<Vec<_>>().join(", ");
+    let names = bit_names(parameter.bits, value).collect::<Vec<_>>().join(", ");
     let now = format!("`{name}` stayed 0x{value:X} ({names})");
     if mask.count_ones() == 1 {
         let bit = mask.trailing_zeros();

@@ -21,7 +21,7 @@ use crate::axis::{
     DeviceDetail, LocalAxis, NamedValue, ParameterValue, STOP_RETRY_MAX, StopOptions, StopResult,
     WatchdogState, WriteChange, stop_axes,
 };
-use crate::doctor::{ABSENT_TEXT, read_watchdog};
+use crate::doctor::read_watchdog;
 use crate::error::Error;
 use crate::faults::active_faults;
 use crate::url::AxisNumber;
@@ -367,7 +367,7 @@ impl LocalAxis {
         let (text, parameter) = match (parameter, state) {
             (Some(parameter), WatchdogState::None) => {
                 let rule = "the motor continues its last command";
-                (format!("{ABSENT_TEXT} (`{}`): {rule}", parameter.name), None)
+                (format!("none in this firmware (`{}`): {rule}", parameter.name), None)
             }
             // Another setting than the one that is written.
             (_, WatchdogState::LifeGuarding(_)) => (self.describe_watchdog(state), None),
