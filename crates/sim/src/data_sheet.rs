@@ -169,6 +169,8 @@ impl DataSheetEntry {
         if let Some((axis, index)) = place.filter(|(axis, _)| *axis < axes && self.is_integer())
             && let Some(known) = DICTIONARY.find(index, self.sub)
             && known.tag < AXIS_TAGS
+            // A sheet has modes of its own, which are not the generic drive's.
+            && (index, self.sub) != MODES
         {
             return axis * AXIS_TAGS + known.tag;
         }

@@ -22,6 +22,7 @@ fn a_sheets_objects_are_there_by_name() {
     let raw = |name: &str| axis.get_raw(name).expect(name);
     assert_eq!((raw("trim"), raw("offset"), raw("octal")), (-5, -2, 64));
     assert_eq!((raw("product code"), raw("serial number")), (0x3_0001, 5));
+    assert_eq!(raw("supported modes"), 0x25, "the sheet's, not the generic drive's");
     assert_eq!(raw("1801h:1"), 0x285, "the sheet forgot the node-ID");
     axis.set_raw("trim", 9).unwrap();
     assert_eq!(raw("trim"), 9);
