@@ -272,6 +272,14 @@ pub(crate) fn default_addresses(line: &ProtocolLine) -> Result<Vec<u32>, Error> 
     Ok(wanted)
 }
 
+/// Returns whether [`default_addresses`] asks all drives of the line before it waits for an answer.
+pub(crate) fn asks_at_once(line: &ProtocolLine) -> bool {
+    let detector = SenderDetector::new(line.protocol.name, line.options);
+    let first = *line.protocol.addresses.start();
+    matches!(line.link, SharedLink::Can(_))
+        && (detector.question.is_some() || detector.presence_frame(first).is_some())
+}
+
 /// The addresses to try, with active senders if `every` address may be tried, and a text about them.
 fn addresses_to_query(
     line: &ProtocolLine,

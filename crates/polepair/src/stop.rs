@@ -92,6 +92,8 @@ pub struct LinkStopReport {
     pub received: NoReplyDetails,
     /// The wire is a CAN bus.
     pub on_can: bool,
+    /// All addresses were asked before an answer was awaited.
+    pub asked_at_once: bool,
     /// Addresses that there was no time left for: first, last.
     pub not_queried: Option<(u32, u32)>,
 }
@@ -326,6 +328,7 @@ impl<'a> LineSearch<'a> {
     ) -> Result<Vec<DetectedDrive>, Error> {
         stopped.reply_timeout = self.reply_timeout;
         stopped.on_can = matches!(self.line.link, SharedLink::Can(_));
+        stopped.asked_at_once = !self.named && scan::asks_at_once(self.line);
         let mut waited = Duration::ZERO;
         let wanted = std::mem::take(&mut self.wanted);
         for (done, &number) in wanted.iter().enumerate() {

@@ -399,7 +399,7 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
         } else {
             ""
         };
-        let asked = if stopped.on_can {
+        let asked = if stopped.asked_at_once {
             "asked all addresses at once".to_owned()
         } else {
             format!("asked {} addresses for {} ms each", stopped.queried, patience.as_millis())

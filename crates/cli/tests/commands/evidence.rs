@@ -318,31 +318,52 @@ fn address_of(url: &str) -> &str {
     after.split('/').next().expect("its server")
 }
 
+/// Starts a motion of a drive of its own, and sends frames on its bus while it turns.
+fn run_with_frames(n: usize, motion: &[&str], frames: &str) -> run::Ran {
+    let sim = Served::with(&["cia402:3", "--socketcand", "127.0.0.1:0"]);
+    let trace = std::env::temp_dir().join(format!("polepair-emcy-{}-{n}.log", std::process::id()));
+    let shown = trace.display().to_string();
+    let words = [&motion[..1], &[&sim.url], &motion[1..], &["--trace", &shown]].concat();
+    let child = run::command(&words).spawn().expect("starts");
+    // A held motion is read four times a second.
+    turning(&trace, 150);
+    let mut bus = std::net::TcpStream::connect(address_of(&sim.url)).expect("the bus");
+    let message = format!("< open can0 >< rawmode >{frames}");
+    bus.write_all(message.as_bytes()).expect("frames");
+    let ran = run::ended(child, &words);
+    let _ = std::fs::remove_file(&trace);
+    sim.end();
+    ran
+}
+
+/// CAN frames were lost: of the drive, as any node of the bus may send it.
+const FRAMES_LOST: &str = "< send 83 8 10 81 11 0 0 0 0 0 >";
+const SPIN: &[&str] = &["spin", "100rpm", "--for", "4s"];
+const MOVE: &[&str] = &["move", "10turn", "--rel", "--vel", "300rpm"];
+
 /// An emergency that does not stop the drive is a note: at once while the motion is held, and at the end of a way.
 #[test]
 fn an_emergency_that_stops_nothing_is_noted() {
-    let motions: [(&[&str], &str); 2] = [
-        (&["spin", "100rpm", "--for", "4s"], "; its speed is 100 rpm"),
-        (&["move", "10turn", "--rel", "--vel", "300rpm"], ", and arrived"),
-    ];
-    for (n, (motion, end)) in motions.iter().enumerate() {
-        let sim = Served::with(&["cia402:3", "--socketcand", "127.0.0.1:0"]);
-        let trace =
-            std::env::temp_dir().join(format!("polepair-emcy-{}-{n}.log", std::process::id()));
-        let shown = trace.display().to_string();
-        let words = [&motion[..1], &[&sim.url], &motion[1..], &["--trace", &shown]].concat();
-        let child = run::command(&words).spawn().expect("starts");
-        // A held motion is read four times a second.
-        turning(&trace, 150);
-        // Of the drive, as any node of the bus may send it.
-        let mut bus = std::net::TcpStream::connect(address_of(&sim.url)).expect("the bus");
-        bus.write_all(b"< open can0 >< rawmode >< send 83 8 10 81 11 0 0 0 0 0 >")
-            .expect("a frame");
-        let ran = run::ended(child, &words);
-        let _ = std::fs::remove_file(&trace);
+    let motions = [(SPIN, "; its speed is 100 rpm"), (MOVE, ", and arrived")];
+    for (n, (motion, end)) in motions.into_iter().enumerate() {
+        let ran = run_with_frames(n, motion, FRAMES_LOST);
         assert_eq!(ran.code, 0, "{motion:?}: {}", ran.err);
         let note = format!("sent emergency 8110h (CAN frames were lost){end}");
         assert_eq!(ran.err.matches(&note).count(), 1, "{motion:?}: {}", ran.err);
-        sim.end();
+    }
+}
+
+/// Another master halts or disables the drive directly after its emergency.
+#[test]
+fn an_early_end_names_the_emergency_before_it() {
+    const HALT: &str = "< send 603 8 2B 40 60 0 0F 1 0 0 >";
+    const DISABLE: &str = "< send 603 8 2B 40 60 0 0 0 0 0 >";
+    let cases = [(SPIN, HALT), (SPIN, DISABLE), (MOVE, HALT), (MOVE, DISABLE)];
+    for (n, (motion, end)) in cases.into_iter().enumerate() {
+        let ran = run_with_frames(10 + n, motion, &format!("{FRAMES_LOST}{end}"));
+        let about = format!("{motion:?} {end}: {}", ran.err);
+        assert!(ran.code == 1 && ran.err.contains("error[E102]"), "{about}");
+        let error = ran.err.split_once("error[").expect("an error").1;
+        assert!(error.contains("t sent emergency 8110h (CAN frames were lost)"), "{about}");
     }
 }

@@ -1,3 +1,4 @@
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::thread;
 
@@ -121,8 +122,8 @@ fn junk_costs_the_line_that_contains_it() {
     assert_eq!(frames_in(b"t11\x07t2220\r"), (vec![0x222], 0));
 }
 
-/// A scripted adapter: replies to every command, and records the commands.
-fn scripted_adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u8>>) {
+/// An adapter on a pseudo-terminal: replies to every command, and records the commands.
+fn scripted_adapter() -> (String, thread::JoinHandle<Vec<u8>>) {
     let pty = Pty::open(None).unwrap();
     let path = pty.path().to_owned();
     let thread = thread::spawn(move || {
@@ -135,8 +136,7 @@ fn scripted_adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u
             output.extend_from_slice(&buffer[..len]);
             while let Some(at) = output[from..].iter().position(|&byte| byte == b'\r') {
                 let line = &output[from..from + at];
-                let refused = !refuses.is_empty() && line == refuses;
-                pty.send(if refused { b"\x07" } else { b"\r" }).unwrap();
+                pty.send(b"\r").unwrap();
                 if line == b"O" {
                     pty.send(b"sb255255\rt7FF211\rT1ABCDEF0255AA12\x07").unwrap();
                     pty.send(b"34\rT1ABCDEF0255AA1234\re1a\rsa000000\r").unwrap();
@@ -151,7 +151,7 @@ fn scripted_adapter(refuses: &'static [u8]) -> (String, thread::JoinHandle<Vec<u
 
 #[test]
 fn an_adapter_is_set_up_used_and_closed() {
-    let (path, adapter) = scripted_adapter(b"");
+    let (path, adapter) = scripted_adapter();
     let link = open_serial(&path, 0, LINE).unwrap();
     let mut frame = Frame::default();
     let mut next = || link.receive(&mut frame, clock::now().plus_ms(2000)).unwrap();
@@ -167,46 +167,105 @@ fn an_adapter_is_set_up_used_and_closed() {
     assert_eq!(String::from_utf8(received).unwrap(), "\rC\rS6\rO\rt1231AB\rF\rC\r");
 }
 
+/// A scripted adapter in time of its own: no machine is too slow for it.
+struct AdapterScript {
+    /// The reply to a line, and the time until it comes.
+    reply: fn(&[u8]) -> &'static [u8],
+    delay_ms: u32,
+    state: Mutex<ScriptState>,
+}
+
+#[derive(Default)]
+struct ScriptState {
+    now: Instant,
+    sent: Vec<u8>,
+    replies: VecDeque<(Instant, &'static [u8])>,
+}
+
+impl AdapterScript {
+    fn new(delay_ms: u32, reply: fn(&[u8]) -> &'static [u8]) -> Arc<Self> {
+        Arc::new(Self { reply, delay_ms, state: Mutex::default() })
+    }
+
+    fn sent(&self) -> Vec<u8> {
+        self.state.lock().unwrap().sent.clone()
+    }
+}
+
+struct AdapterEnd(Arc<AdapterScript>);
+
+impl LinkIo<Stream> for AdapterEnd {
+    fn now(&self) -> Instant {
+        self.0.state.lock().unwrap().now
+    }
+    fn send(&self, unit: &[u8]) -> Result<(), LinkError> {
+        let mut state = self.0.state.lock().unwrap();
+        state.sent.extend_from_slice(unit);
+        for line in unit.split_inclusive(|&byte| byte == b'\r') {
+            let last = state.replies.back().map_or(state.now, |(at, _)| *at);
+            let reply = (self.0.reply)(line.trim_ascii_end());
+            state.replies.push_back((last.plus_ms(self.0.delay_ms), reply));
+        }
+        Ok(())
+    }
+    fn receive(&self, buffer: &mut [u8], until: Instant) -> Result<Received, LinkError> {
+        let mut state = self.0.state.lock().unwrap();
+        match state.replies.front().copied().filter(|(at, _)| *at <= until) {
+            Some((at, reply)) => {
+                state.replies.pop_front();
+                state.now = state.now.max(at);
+                buffer[..reply.len()].copy_from_slice(reply);
+                Ok(Received::Bytes { len: reply.len(), at })
+            }
+            None => {
+                state.now = state.now.max(until);
+                Ok(Received::TimedOut)
+            }
+        }
+    }
+    fn set_line(&self, _line: SerialLine) -> Result<(), LinkError> {
+        Ok(())
+    }
+    fn waker(&self) -> LinkWaker {
+        LinkWaker::new().expect("a waker")
+    }
+    fn is_real_time(&self) -> bool {
+        false
+    }
+    fn describe(&self) -> String {
+        "script".to_owned()
+    }
+}
+
 /// An adapter that was closed just before: its reply to that comes now, and it refuses to close once more.
 #[test]
 fn late_replies_to_an_earlier_program_belong_to_no_request() {
-    let pty = Pty::open(None).unwrap();
-    let path = pty.path().to_owned();
-    let adapter = thread::spawn(move || {
-        let (mut output, mut from) = (Vec::new(), 0);
-        let mut buffer = Stream::buffer();
-        let end = clock::now().plus_ms(5000);
-        while clock::now() < end && !output.ends_with(b"O\rC\r") {
-            let received = pty.receive(&mut buffer, clock::now().plus_ms(100)).unwrap();
-            let Received::Bytes { len, .. } = received else { continue };
-            output.extend_from_slice(&buffer[..len]);
-            while let Some(at) = output[from..].iter().position(|&byte| byte == b'\r') {
-                let answer: &[u8] = match &output[from..from + at] {
-                    b"" => b"\r\r",
-                    b"C" => b"\x07",
-                    _ => b"\r",
-                };
-                clock::sleep_until(clock::now().plus_ms(2));
-                pty.send(answer).unwrap();
-                from += at + 1;
-            }
-        }
-        output
+    let adapter = AdapterScript::new(2, |line| match line {
+        b"" => b"\r\r",
+        b"C" => b"\x07",
+        _ => b"\r",
     });
-    drop(open_serial(&path, 0, LINE).unwrap());
-    assert_eq!(adapter.join().unwrap(), b"\rC\rS6\rO\rC\r");
+    drop(SlcanLink::open(Box::new(AdapterEnd(Arc::clone(&adapter))), LINE).unwrap());
+    assert_eq!(adapter.sent(), b"\rC\rS6\rO\rC\r");
+}
+
+/// Each reply comes in the time of the next command: the adapter is set up once more, with a longer silence before.
+#[test]
+fn a_slow_adapter_gets_a_second_attempt() {
+    let adapter = AdapterScript::new(100, |line| if line == b"C" { b"\x07" } else { b"\r" });
+    drop(SlcanLink::open(Box::new(AdapterEnd(Arc::clone(&adapter))), LINE).unwrap());
+    assert_eq!(adapter.sent(), b"\rC\rS6\r\rC\rS6\rO\rC\r");
 }
 
 #[test]
 fn an_adapter_that_refuses_the_bit_rate_is_no_link() {
-    let (path, adapter) = scripted_adapter(b"S6");
-    let error = open_serial(&path, 0, LINE).unwrap_err();
+    let adapter = AdapterScript::new(2, |line| if line == b"S6" { b"\x07" } else { b"\r" });
+    let open = |line| SlcanLink::open(Box::new(AdapterEnd(Arc::clone(&adapter))), line);
+    let error = open(LINE).unwrap_err();
     assert_eq!(error.cause(), Cause::Unsuitable);
     assert!(error.hint().contains("500000"), "{}", error.hint());
-    let rate = CanLine { bit_rate: 333_333 };
-    let error = open_serial(&path, 0, rate).unwrap_err();
+    let error = open(CanLine { bit_rate: 333_333 }).unwrap_err();
     assert!(error.hint().contains("8 MHz"), "{}", error.hint());
-    drop(adapter);
 }
 
 #[test]

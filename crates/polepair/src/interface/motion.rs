@@ -69,8 +69,8 @@ pub struct MotionMonitor {
     last_velocity: Option<f64>,
     /// The limit that held the motor at the last reading.
     limit: Option<String>,
-    /// Time of the last emergency that a note has.
-    noted_emergency: Option<Instant>,
+    /// The last emergency that the drive sent, which a note has.
+    emergency: Option<(Instant, String)>,
     notes: Vec<String>,
 }
 
@@ -86,7 +86,7 @@ impl MotionMonitor {
             is_velocity,
             judge: SpeedJudge::new(velocity, is_linear),
             limit: None,
-            noted_emergency: None,
+            emergency: None,
             notes: Vec::new(),
             last_velocity: None,
             velocity,
@@ -125,11 +125,17 @@ impl MotionMonitor {
     /// was not reached.
     ///
     /// # Errors
-    /// [`Error::MotionEnded`] `E106` for a motor that was never seen at half of its set-point; the reason is in it,
-    /// as far as the drive reports one. Others as [`check`](Self::check).
+    /// [`Error::MotionEnded`] `E106` for a motor that was never seen at half of its set-point, `E102` for one that
+    /// has stopped before the end; the reason is in it, as far as the drive reports one. Others as
+    /// [`check`](Self::check).
     pub fn finish(&mut self) -> Result<Option<String>, Error> {
         self.next_read = self.axis.now();
         self.check()?;
+        // Two readings: one alone may be of a coarse speed.
+        let now = self.axis.now();
+        if self.stands_since.is_some_and(|since| now.since(since) >= READ_INTERVAL) {
+            self.stopped_error()?;
+        }
         let label = self.axis.label();
         let never = if self.is_velocity {
             !self.judge.has_come_near()
@@ -155,7 +161,7 @@ impl MotionMonitor {
             };
             let why = match &self.limit {
                 Some(limit) => format!("The {limit} holds it."),
-                None => "The drive reports no reason.".to_owned(),
+                None => self.emergency_or("The drive reports no reason."),
             };
             let hint = "look for a limit, a brake or a load; `polepair info URL` shows its state";
             return Err(motion_ended("E106", what, &why, hint));
@@ -203,15 +209,13 @@ impl MotionMonitor {
         if let Some(fault) = &state.fault {
             return Err(fault.to_error(label));
         }
+        self.note_emergency(&state);
         self.was_enabled |= state.enabled == Some(true);
         if self.was_enabled && state.enabled == Some(false) {
-            let why = match &state.emergency {
-                Some((_, emergency)) => format!("It sent {emergency}."),
-                None => "Another program, an input or the drive itself switched it off.".to_owned(),
-            };
+            let why =
+                self.emergency_or("Another program, an input or the drive itself switched it off.");
             return ended_error("has lost its power during the motion", &why, label);
         }
-        self.note_emergency(&state);
         let (Some(commanded), Some(actual)) = (self.velocity, state.velocity) else {
             return Ok(());
         };
@@ -220,27 +224,37 @@ impl MotionMonitor {
         self.stands_since = stands.then(|| self.stands_since.unwrap_or(now));
         match self.stands_since {
             Some(since) if now.since(since) >= clock::scale_timeout(STANDSTILL_MAX) => {
-                let why = match &state.emergency {
-                    Some((_, emergency)) => format!("It sent {emergency}."),
-                    None => "Another program stopped it, or it is blocked.".to_owned(),
-                };
-                ended_error("stopped during the motion", &why, label)
+                self.stopped_error()
             }
             _ => Ok(()),
         }
     }
 
+    fn stopped_error(&self) -> Result<(), Error> {
+        let why = self.emergency_or("Another program stopped it, or it is blocked.");
+        ended_error("stopped during the motion", &why, self.axis.label())
+    }
+
     /// Notes an emergency that did not end the motion, with the speed that shows it.
     fn note_emergency(&mut self, state: &MotionState) {
         let Some((at, emergency)) = &state.emergency else { return };
-        if self.noted_emergency.replace(*at) == Some(*at) {
+        if self.emergency.as_ref().is_some_and(|(noted, _)| noted == at) {
             return;
         }
         let goes_on = match state.velocity {
             Some(velocity) => format!("its speed is {}", self.speed_text(velocity)),
-            None => "it reports no fault".to_owned(),
+            None => "whether it turns is not known".to_owned(),
         };
         self.notes.push(format!("{} sent {emergency}; {goes_on}", self.axis.label()));
+        self.emergency = Some((*at, emergency.clone()));
+    }
+
+    /// The reason that the drive gave by itself, else `otherwise`.
+    fn emergency_or(&self, otherwise: &str) -> String {
+        match &self.emergency {
+            Some((_, emergency)) => format!("It sent {emergency}."),
+            None => otherwise.to_owned(),
+        }
     }
 }
 
