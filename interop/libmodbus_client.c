@@ -37,8 +37,11 @@ int main(int count, char **words)
 {
     uint16_t words8[8];
     uint16_t path[8] = {1002, 36, 0, 600, 100, 100, 0, 0};
-    must(count == 2, "usage: libmodbus_client PORT");
-    drive = modbus_new_rtu(words[1], 115200, 'N', 8, 1);
+    must(count == 2 || count == 3, "usage: libmodbus_client PORT | HOST TCP_PORT");
+    if (count == 3)
+        drive = modbus_new_tcp(words[1], atoi(words[2]));
+    else
+        drive = modbus_new_rtu(words[1], 115200, 'N', 8, 1);
     must(drive && modbus_set_slave(drive, 1) == 0 && modbus_connect(drive) == 0, "connect");
     must(read1(0x00) == 2, "factory mode");
     must(modbus_write_register(drive, 0x00, 1) == 1, "Fn_00 = 1");

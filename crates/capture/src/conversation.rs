@@ -50,7 +50,8 @@ impl Conversation {
     ) -> Option<RawFrame<'_>> {
         let mut requests = self.requests.iter().rev().map(RecentRequest::raw);
         let raw_frame = requests.find(|request| dissector.is_answer_to(reply, request));
-        let last = self.requests.back().filter(|_| reply.id.is_none()).map(RecentRequest::raw);
+        let in_turns = reply.id.is_none() && !dissector.has_transactions();
+        let last = self.requests.back().filter(|_| in_turns).map(RecentRequest::raw);
         raw_frame.or(last)
     }
 
@@ -80,8 +81,8 @@ impl Conversation {
         frame: &RawFrame<'_>,
         glued: bool,
     ) -> bool {
-        let last = self.requests.back().map(RecentRequest::raw);
-        let last = last.filter(|request| request.bytes == frame.bytes);
+        let last = self.requests.back().filter(|_| !dissector.has_transactions());
+        let last = last.map(RecentRequest::raw).filter(|request| request.bytes == frame.bytes);
         let same = last.is_some();
         let glued = glued || last.is_some_and(|request| !dissector.is_answer_to(frame, &request));
         self.reply_count += 1;

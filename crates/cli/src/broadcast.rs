@@ -3,7 +3,7 @@
 use std::io::IsTerminal as _;
 use std::ops::ControlFlow;
 
-use polepair::no_reply::wiring_hint;
+use polepair::no_reply::Wiring;
 use polepair::scan::{self, ScanAddresses};
 use polepair::url::{LinkTarget, Url};
 use polepair::{Axis, Connector};
@@ -35,21 +35,22 @@ pub fn with_stations(target: DriveArgs) -> Result<DriveArgs> {
     if !url.take_unanswered_broadcast() || !url.axes.is_empty() || !url.names.is_empty() {
         return Ok(target);
     }
-    let stations = find_stations(&connector, &url)?;
+    let (stations, wiring) = find_stations(&connector, &url)?;
     if stations.is_empty() {
         let what = "no station answered, so nothing shows who obeys a broadcast.".to_owned();
         return Err(Problem::new(Exit::NoReply, "E403", what)
             .why("Nothing was sent.")
-            .hint(wiring_hint(false)));
+            .hint(wiring.hint()));
     }
     let named = stations.iter().map(u32::to_string).collect::<Vec<_>>().join(",");
     Ok(target.at(format!("{url}#g*,{named}")))
 }
 
-fn find_stations(connector: &Connector, url: &Url) -> Result<Vec<u32>> {
+fn find_stations(connector: &Connector, url: &Url) -> Result<(Vec<u32>, Wiring)> {
     if matches!(url.target, LinkTarget::Sim { .. }) {
         let link = connector.connect_local(&url.to_string()).map_err(outcome::to_problem)?;
-        return Ok(link.axes().iter().map(|axis| axis.number()).collect());
+        let stations = link.axes().iter().map(|axis| axis.number()).collect();
+        return Ok((stations, Wiring::SerialLine));
     }
     let live = std::io::stderr().is_terminal();
     let mut show = |at: scan::ScanProgress| {
@@ -80,7 +81,7 @@ fn find_stations(connector: &Connector, url: &Url) -> Result<Vec<u32>> {
         return Err(Problem::interrupted());
     }
     let report = report.map_err(outcome::to_problem)?;
-    Ok(report.found.iter().map(|drive| drive.number).collect())
+    Ok((report.found.iter().map(|drive| drive.number).collect(), report.wiring))
 }
 
 /// The axes of a session, those of a broadcast first: what it did is only seen after it.

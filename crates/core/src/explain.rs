@@ -355,6 +355,12 @@ pub trait FrameConversation {
         false
     }
 
+    /// Returns whether each reply repeats a number of its request: then several requests may be open at once, no reply
+    /// belongs to another, and nothing is an echo.
+    fn has_transactions(&self) -> bool {
+        false
+    }
+
     /// The role of a frame in its conversation. Unknown by default.
     fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
         let _ = (frame, talk);

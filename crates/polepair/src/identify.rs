@@ -4,7 +4,7 @@ use crate::config::Config;
 use crate::duplicate_address::{DUPLICATE_ADDRESS_HINT, duplicate_address_text};
 use crate::error::Error;
 use crate::identification::Identification;
-use crate::no_reply::NoReplyDetails;
+use crate::no_reply::{NoReplyDetails, Wiring};
 use crate::profile::{Listed, find_answered, find_nearest};
 use crate::protocol_line::ProtocolLine;
 use crate::url::AxisNumber;
@@ -162,7 +162,10 @@ impl<'a> Prober<'a> {
             outcome: Outcome::NotDone(Failure::Silent),
             received: Box::new(details),
             may_turn: false,
-            hint: details.hint().into(),
+            hint: match (details.is_nothing(), self.line.wiring()) {
+                (true, wiring @ (Wiring::Network | Wiring::SerialServer)) => wiring.hint().into(),
+                _ => details.hint().into(),
+            },
         }
     }
 

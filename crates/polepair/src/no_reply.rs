@@ -38,13 +38,42 @@ pub struct NoReplyDetails {
     pub bytes: u16,
 }
 
-/// Remedy where no frame came from any address of a wire.
-#[must_use]
-pub const fn wiring_hint(on_can: bool) -> &'static str {
-    if on_can {
-        "power, the bit rate in the URL, and on a cable CAN_H, CAN_L and a 120 ohm resistor at both ends"
-    } else {
-        "power, wiring (A and B may be swapped), and the baud rate in the URL"
+/// Kind of the wire between this computer and the drives.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+#[non_exhaustive]
+pub enum Wiring {
+    /// A serial line at a port.
+    #[default]
+    SerialLine,
+    /// A serial line at a serial server.
+    SerialServer,
+    /// A server that has the protocol itself.
+    Network,
+    /// A CAN bus.
+    CanBus,
+}
+
+impl Wiring {
+    /// Remedy where no frame came from any address.
+    #[must_use]
+    pub const fn hint(self) -> &'static str {
+        match self {
+            Self::SerialLine => {
+                "power, wiring (A and B may be swapped), and the baud rate in the URL"
+            }
+            Self::SerialServer => {
+                "power and wiring behind the serial server (A and B may be swapped), its baud rate, \
+                 and whether it is a server of Modbus TCP: `modbus-tcp://`"
+            }
+            Self::Network => {
+                "the server is there: check the unit numbers, and whether it is a serial server, \
+                 which passes Modbus RTU on: `modbus-rtu+tcp://`"
+            }
+            Self::CanBus => {
+                "power, the bit rate in the URL, and on a cable CAN_H, CAN_L and a 120 ohm resistor at \
+                 both ends"
+            }
+        }
     }
 }
 
@@ -189,8 +218,8 @@ impl NoReplyDetails {
                  terminal"
             }
             NoReplyCause::Relayed => {
-                "the drive at the cable replies, the axis behind it does not: check the axis' \
-                 power, its axis ID and the cable between the two"
+                "the drive or gateway at the cable replies, the axis behind it does not: check the axis' \
+                 power, its number and the cable between the two"
             }
             NoReplyCause::Acknowledged => {
                 "the drive at the cable receives the requests: its axis ID may be another \
@@ -237,8 +266,8 @@ impl fmt::Display for NoReplyDetails {
             (self.acknowledged, "acknowledgement", "acknowledgements"),
             (
                 self.relayed,
-                "acknowledgement by the drive at the cable",
-                "acknowledgements by the drive at the cable",
+                "answer by the drive or gateway at the cable",
+                "answers by the drive or gateway at the cable",
             ),
             (self.late, "answer too late", "answers too late"),
             (
@@ -284,7 +313,7 @@ mod tests {
             (
                 counted(|c| c.relayed = 2),
                 NoReplyCause::Relayed,
-                "2 acknowledgements by the drive at",
+                "2 answers by the drive or gateway at",
             ),
             (counted(|c| c.acknowledged = 3), NoReplyCause::Acknowledged, "3 acknowledgements"),
             (counted(|c| (c.late, c.early) = (2, 2)), NoReplyCause::Early, "2 replies too early"),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use polepair_core::convert::saturating;
+use polepair_core::error::{Failure, Outcome};
 use polepair_core::medium::{Can, MediumKind, Stream};
 use polepair_core::mux::Mux;
 use polepair_core::profile::Profile;
@@ -18,9 +19,13 @@ use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
 use crate::identification::Identification;
 use crate::mounting::Mounting;
+use crate::no_reply::Wiring;
 use crate::registry::{self, ProtocolInfo};
 use crate::toml_file::FileLocation;
 use crate::wire::{OpenWire, SharedLink};
+
+/// Longest wait for an answer at an address that no drive has.
+const ANSWER_MAX: Duration = Duration::from_secs(5);
 
 /// One protocol on an opened wire, and the drives to be found there.
 #[derive(Clone)]
@@ -69,6 +74,16 @@ impl ProtocolLine {
         bus::BusAddress { protocol: self.protocol.clone(), address }
     }
 
+    /// Kind of the wire.
+    pub(crate) fn wiring(&self) -> Wiring {
+        match self.protocol.medium {
+            MediumKind::Can => Wiring::CanBus,
+            MediumKind::Serial if self.protocol.network_port.is_some() => Wiring::Network,
+            MediumKind::Serial if self.options.serial_server => Wiring::SerialServer,
+            MediumKind::Serial => Wiring::SerialLine,
+        }
+    }
+
     /// The number that the host has on it.
     pub(crate) fn host(&self) -> Option<u32> {
         self.options.host_address.or(self.protocol.host)
@@ -110,6 +125,20 @@ impl ProtocolLine {
             HostOptions { scanning, urgent, probe_seed: doubt, ..options },
             axes,
         )
+    }
+
+    /// Returns whether what is connected answers at an address that no drive has.
+    pub(crate) fn ignores_addresses(&self) -> Result<bool, Error> {
+        let Some((address, read)) = self.protocol.unused_address else { return Ok(false) };
+        let connection = self.probe_connection(&[(self.protocol.generic, address)], true, false)?;
+        let until = connection.now() + ANSWER_MAX;
+        let answer = connection
+            .request(until, |axes, now, ticket| axes.send_text(now, ticket, AxisIndex(0), read));
+        let failure = answer.ok().flatten().and_then(Outcome::failure);
+        Ok(match answer {
+            Ok(Some(Outcome::Done(_))) => true,
+            _ => matches!(failure, Some(Failure::Refused { .. })),
+        })
     }
 
     /// Device information of the drive at an address; empty if it cannot be read.

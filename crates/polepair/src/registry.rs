@@ -9,7 +9,7 @@ use polepair_core::proto::AxisNumber;
 use polepair_core::proto::{self, GROUP, HostOptions, OptionKey, Protocol};
 use polepair_core::station::Host;
 use polepair_sim::rack::RackWire;
-use polepair_sim::serial_line::SerialWireConfig;
+use polepair_sim::serial_line::{SerialWireConfig, Timing};
 use std::any::Any;
 use std::ops::RangeInclusive;
 
@@ -44,6 +44,10 @@ pub(crate) struct ProtocolInfo {
     pub(crate) host: Option<u32>,
     /// True if its frames are ASCII characters.
     pub(crate) is_ascii: bool,
+    /// Usual port, if it is spoken on TCP alone.
+    pub(crate) network_port: Option<u16>,
+    /// An address that no drive has, and a read that is answered there only by what ignores addresses.
+    pub(crate) unused_address: Option<(u32, &'static str)>,
     /// Keys of connection strings, beside those of every link.
     pub(crate) keys: &'static [OptionKey],
     /// The baud or bit rate from the factory.
@@ -172,10 +176,24 @@ impl ProtocolInfo {
     pub(crate) fn default_wire(&self, drives: usize) -> RackWire {
         match self.medium {
             MediumKind::Can => RackWire::Can(CanLine { bit_rate: self.baud }),
+            MediumKind::Serial if self.network_port.is_some() => {
+                RackWire::Serial(SerialWireConfig {
+                    timing: Timing::Cdc,
+                    ..SerialWireConfig::RS232
+                })
+            }
             MediumKind::Serial if self.has_standards && drives == 1 => {
                 RackWire::Serial(SerialWireConfig::RS232)
             }
             MediumKind::Serial => RackWire::Serial(SerialWireConfig::RS485),
+        }
+    }
+
+    /// The connection string at a place, such as `serial:///dev/pts/3`, without axes.
+    pub(crate) fn url_at(&self, place: &str) -> String {
+        match place.strip_prefix("tcp:") {
+            Some(address) if self.network_port.is_some() => format!("{}:{address}", self.name),
+            _ => format!("{}+{place}", self.name),
         }
     }
 
@@ -256,6 +274,8 @@ impl proto::ProtocolVisitor for ProtocolLister {
             broadcast_number: P::BROADCAST_NUMBER,
             host: P::HOST_ADDRESS,
             is_ascii: P::IS_ASCII,
+            network_port: P::NETWORK_PORT,
+            unused_address: P::UNUSED_ADDRESS,
             keys: P::KEYS,
             baud: P::DEFAULT_RATE,
             rates: P::RATES,

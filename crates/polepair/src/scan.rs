@@ -20,7 +20,7 @@ use crate::connect::Connector;
 pub use crate::detected_drive::DetectedDrive;
 use crate::error::Error;
 use crate::identification::Identification;
-use crate::no_reply::NoReplyDetails;
+use crate::no_reply::{NoReplyDetails, Wiring};
 use crate::protocol_line::ProtocolLine;
 use crate::registry::SenderDetector;
 use crate::url::{AxisNumber, LinkTarget, Url};
@@ -63,8 +63,8 @@ pub struct ScanReport {
     pub not_queried: usize,
     /// Frames received from silent addresses.
     pub received: NoReplyDetails,
-    /// The wire is a CAN bus.
-    pub on_can: bool,
+    /// Kind of the wire.
+    pub wiring: Wiring,
     /// A CANopen device without node-ID answered: [`LssMaster`](crate::lss::LssMaster) gives it one.
     /// Asked for where all addresses are.
     pub has_unconfigured: bool,
@@ -299,6 +299,12 @@ fn addresses_to_query(
         tried.push(format!("not {protocol} on {name}: no drive can have such an address on it"));
         return Ok(wanted);
     };
+    if wanted.len() > 1 && line.ignores_addresses()? {
+        tried.push(format!(
+            "{protocol} on {name}: it answers at every address, so at {first} alone; `#N` names others"
+        ));
+        return Ok(vec![first]);
+    }
     let mut text = format!("addresses {first} to {last}");
     if let SharedLink::Can(link) = &line.link {
         let listener = SenderDetector::new(protocol, line.options);

@@ -200,7 +200,11 @@ impl PortSearch {
     fn of_serial_port(path: &str) -> Self {
         let mut attempts = Vec::new();
         let protocols = registry::protocols();
-        let serial = || protocols.iter().filter(|it| it.medium == MediumKind::Serial);
+        let serial = || {
+            let is_serial =
+                |it: &&ProtocolInfo| it.medium == MediumKind::Serial && it.network_port.is_none();
+            protocols.iter().filter(is_serial)
+        };
         let mut add = |protocol: &ProtocolInfo, rate: u32, has_parity: bool| {
             let url = Url {
                 protocol: protocol.name.to_owned(),

@@ -372,6 +372,13 @@ impl RackDescription {
             .collect()
     }
 
+    /// Returns whether the drives of a link are on TCP alone.
+    #[must_use]
+    pub fn is_on_network(&self, link: usize) -> bool {
+        let mut protocols = self.protocols_on(link).into_iter();
+        protocols.any(|protocol| protocol.network_port.is_some())
+    }
+
     fn protocol_url(&self, link: usize, protocol: &ProtocolInfo, location: &str) -> String {
         let first = *protocol.addresses.start();
         let behind = self.links_behind(link).flat_map(|other| &self.rack.links[other].drives);
@@ -396,8 +403,9 @@ impl RackDescription {
         let mark = if keys.is_empty() { "" } else { "?" };
         let addresses: Vec<String> =
             drives.map(|drive| drive.address.unwrap_or(first).to_string()).collect();
-        let (name, keys, addresses) = (protocol.name, keys.join("&"), addresses.join(","));
-        format!("{name}+{location}{port_rate}{mark}{keys}#{addresses}")
+        let (keys, addresses) = (keys.join("&"), addresses.join(","));
+        let place = protocol.url_at(location);
+        format!("{place}{port_rate}{mark}{keys}#{addresses}")
     }
 
     /// Has the drives of a link answer to a host that none of them can be mistaken for.

@@ -30,11 +30,10 @@ use crate::connect::Connector;
 use crate::error::{Error, Exit};
 use crate::identify::{IDENTIFY_RETRY_MAX, ProbeResult, Prober};
 use crate::listen::RawWires;
-use crate::no_reply::NoReplyDetails;
+use crate::no_reply::{NoReplyDetails, Wiring};
 use crate::protocol_line::ProtocolLine;
 use crate::scan::{self, DetectedDrive, ScanProgress};
 use crate::url::{AxisNumber, LinkTarget, Url};
-use crate::wire::SharedLink;
 use broadcast::{broadcast_stop, send_broadcast};
 use other_rates::{stated_rate, stop_at_other_rates};
 use polepair_core::axis::{Command, ProgramEnd, Verb};
@@ -48,6 +47,8 @@ use unidentified::SharedStop;
 
 /// Time of an address to reply if the string names none, besides the time of the bytes.
 const QUERY_TIMEOUT: Duration = Duration::from_millis(30);
+/// Time behind a gateway of a network.
+const NETWORK_QUERY_TIMEOUT: Duration = Duration::from_millis(300);
 /// Bits of the longest question and reply of an identification, on a serial line.
 const QUERY_BITS: u64 = 400;
 /// Limit of the time waited for addresses that are not named; the rest is reported as not tried.
@@ -90,8 +91,8 @@ pub struct LinkStopReport {
     pub reply_timeout: Option<Duration>,
     /// Frames received from silent addresses that were not named.
     pub received: NoReplyDetails,
-    /// The wire is a CAN bus.
-    pub on_can: bool,
+    /// Kind of the wire.
+    pub wiring: Wiring,
     /// All addresses were asked before an answer was awaited.
     pub asked_at_once: bool,
     /// Addresses that there was no time left for: first, last.
@@ -327,7 +328,7 @@ impl<'a> LineSearch<'a> {
         on_event: StopObserver<'_>,
     ) -> Result<Vec<DetectedDrive>, Error> {
         stopped.reply_timeout = self.reply_timeout;
-        stopped.on_can = matches!(self.line.link, SharedLink::Can(_));
+        stopped.wiring = self.line.wiring();
         stopped.asked_at_once = !self.named && scan::asks_at_once(self.line);
         let mut waited = Duration::ZERO;
         let wanted = std::mem::take(&mut self.wanted);
@@ -522,6 +523,9 @@ fn begin_stop(axis: &LocalAxis, how: StopOptions) -> StopSupervisor {
 fn query_timeout(url: &Url, line: &ProtocolLine) -> Result<Duration, Error> {
     if let Some(ms) = url.milliseconds("timeout")? {
         return Ok(Duration::from_secs_f64(ms / 1000.0));
+    }
+    if line.protocol.network_port.is_some() {
+        return Ok(NETWORK_QUERY_TIMEOUT);
     }
     let bits = Duration::from_secs(QUERY_BITS).checked_div(line.options.baud);
     Ok(QUERY_TIMEOUT + bits.unwrap_or_default())

@@ -273,7 +273,7 @@ fn parse_wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result
     }
     let target = match link.unwrap_or_else(|| guess_link(protocol, address)) {
         "serial" => parse_port(address).map(|(path, baud)| LinkTarget::Serial { path, baud })?,
-        "tcp" => LinkTarget::Tcp { address: parse_host_port(address)? },
+        "tcp" => LinkTarget::Tcp { address: parse_server(protocol, address)? },
         "udp" => LinkTarget::Udp { group: parse_host_port(address)? },
         "slcan" if is_port(address) => {
             parse_port(address).map(|(path, baud)| LinkTarget::Slcan { path, baud })?
@@ -301,12 +301,11 @@ fn parse_wire(head: &str, keys: Vec<(String, String)>, axes: Vec<u32>) -> Result
 /// Kind of link of a string without one: a path is a port, an end in a number is a host, and a protocol on CAN alone is
 /// on a bus of this computer.
 fn guess_link(protocol: &str, address: &str) -> &'static str {
-    let on_serial = registry::find_protocol(protocol, MediumKind::Serial).is_some();
-    match (on_serial, is_port(address)) {
-        (true, true) => "serial",
-        (true, false) => "tcp",
-        (false, true) => "slcan",
-        (false, false) => "socketcan",
+    match (registry::find_protocol(protocol, MediumKind::Serial), is_port(address)) {
+        (Some(known), true) if known.network_port.is_none() => "serial",
+        (Some(_), _) => "tcp",
+        (None, true) => "slcan",
+        (None, false) => "socketcan",
     }
 }
 
@@ -338,6 +337,16 @@ fn parse_host_port(address: &str) -> Result<String, Error> {
         return Err(url_error(what, "write HOST:PORT, such as `10.0.0.5:4001`"));
     }
     Ok(address.to_owned())
+}
+
+/// Host and port of a server; a protocol of the network has a usual port.
+fn parse_server(protocol: &str, address: &str) -> Result<String, Error> {
+    let known = registry::find_protocol(protocol, MediumKind::Serial);
+    let has_port = address.rsplit_once(':').is_some_and(|(_, port)| !port.ends_with(']'));
+    match known.and_then(|known| known.network_port) {
+        Some(port) if !has_port => parse_host_port(&format!("{address}:{port}")),
+        _ => parse_host_port(address),
+    }
 }
 
 fn parse_socketcand(address: &str) -> Result<LinkTarget, Error> {
@@ -484,7 +493,15 @@ impl Url {
         let Some(medium) = self.target.medium() else {
             return Err(url_error("the links of a rack state their protocols".into(), ""));
         };
-        self.protocol_on(medium).ok_or_else(|| {
+        let known = self.protocol_on(medium);
+        if let (Some(known), LinkTarget::Serial { .. }) = (&known, &self.target)
+            && let Some(port) = known.network_port
+        {
+            let what = format!("`{}` is not used on a serial line", self.protocol);
+            let hint = format!("it is used on TCP: {}://10.0.0.5:{port}#1", self.protocol);
+            return Err(url_error(what, &hint));
+        }
+        known.ok_or_else(|| {
             let (not, hint) = match medium {
                 MediumKind::Serial => {
                     ("a serial line", "it is used on CAN: udp, slcan, socketcand, socketcan")
@@ -520,7 +537,10 @@ impl fmt::Display for Url {
             LinkTarget::Serial { path, baud } => {
                 write!(f, "{}+serial://{}", self.protocol, encode_port(path, *baud))?;
             }
-            LinkTarget::Tcp { address } => write!(f, "{}+tcp://{address}", self.protocol)?,
+            LinkTarget::Tcp { address } => match self.protocol_info() {
+                Ok(known) => write!(f, "{}", known.url_at(&format!("tcp://{address}")))?,
+                Err(_) => write!(f, "{}+tcp://{address}", self.protocol)?,
+            },
             LinkTarget::Udp { group } => write!(f, "{}+udp://{group}", self.protocol)?,
             LinkTarget::Slcan { path, baud } => {
                 // A dot in what is no path would make a host name of it.

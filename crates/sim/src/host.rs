@@ -24,6 +24,8 @@ pub struct HostProtocol {
     pub medium: MediumKind,
     /// The baud or bit rate from the factory.
     pub baud: u32,
+    /// True if it is spoken on TCP alone, which keeps all bytes: its frames have no check sum.
+    pub is_on_network: bool,
 }
 
 /// Every protocol with a host, in the order of the registry.
@@ -82,6 +84,7 @@ impl proto::ProtocolVisitor for HostProtocolLister {
             first_address: *P::SCAN_ADDRESSES.start(),
             medium: P::Medium::KIND,
             baud: P::DEFAULT_RATE,
+            is_on_network: P::NETWORK_PORT.is_some(),
         });
     }
 }

@@ -7,7 +7,7 @@ mod search_ports;
 use std::ops::{ControlFlow, RangeInclusive};
 
 use clap::Args;
-use polepair::no_reply::{ACKNOWLEDGES, NoReplyCause, wiring_hint};
+use polepair::no_reply::{ACKNOWLEDGES, NoReplyCause, Wiring};
 use polepair::scan::ScanAddresses;
 use polepair::search::is_port_name;
 use polepair::url::shell_word;
@@ -117,11 +117,11 @@ impl ScanCommand {
             let silent = Problem::new(Exit::NoReply, "E403", "no drive answered.")
                 .why(outcome::unanswered_text(&scan.received))
                 .hint(match scan.received.cause() {
-                    NoReplyCause::NothingReceived => wiring_hint(scan.on_can).into(),
+                    NoReplyCause::NothingReceived => scan.wiring.hint().into(),
                     NoReplyCause::Acknowledged => ACKNOWLEDGES.into(),
                     _ => scan.received.hint(),
                 });
-            let silent = if scan.on_can {
+            let silent = if scan.wiring != Wiring::SerialLine {
                 silent
             } else {
                 silent.hint(

@@ -33,7 +33,8 @@ Examples:
   polepair sim tmcl                              ready tmcl+serial:///dev/pts/3#1
   polepair sim tmcl:1,2 --pty /tmp/drives        two drives on one line
   polepair sim \"syntron-ts:1?fn00=14\"            options of the drive, see its page
-  polepair sim modbus-rtu:1 --tcp 127.0.0.1:4001
+  polepair sim modbus-rtu:1 --tcp 127.0.0.1:4001   RTU behind a serial server
+  polepair sim modbus-tcp:1 --tcp 127.0.0.1:5020   Modbus TCP
   polepair sim tmcl:1,2 --udp 239.74.163.2:43113   a CAN bus for python-can
   polepair sim tmcl+can --pty /tmp/adapter         a CAN bus behind a serial CAN adapter
   polepair sim canopen:5 --eds motor.eds           the object dictionary of a data sheet
@@ -94,7 +95,12 @@ impl Sim {
         };
         for (link, line) in lines.into_iter().enumerate() {
             let bus = CanLine { bit_rate: description.wires[link].baud };
-            let (wire, location) = ends.open(description.rack.links[link].wire.medium(), bus)?;
+            let medium = description.rack.links[link].wire.medium();
+            let (wire, location) = if description.is_on_network(link) {
+                ends.open_network()?
+            } else {
+                ends.open(medium, bus)?
+            };
             served.push(self.serve_line(line, wire));
             let WireDescription { load, .. } = description.wires[link];
             if load.most > 0.0 {
@@ -244,6 +250,14 @@ impl WireEnds {
         opened.map_err(|error| outcome::link_problem(&error))
     }
 
+    /// The server of drives on TCP: this machine's alone where no address is given.
+    fn open_network(&mut self) -> Result<(AnyLink, String)> {
+        let address = self.tcp.pop_front().unwrap_or_else(|| "127.0.0.1:0".to_owned());
+        let server = TcpServer::bind(&address).map_err(|error| outcome::link_problem(&error))?;
+        let location = format!("tcp://{}", server.address());
+        Ok((AnyLink::Serial(Box::new(server)), location))
+    }
+
     fn open_serial(&mut self) -> OpenedWire<Stream> {
         let pty = self.pty.pop_front();
         if let Some(address) = self.tcp.front().filter(|_| pty.is_none()) {
@@ -287,7 +301,7 @@ impl WireEnds {
                 let what = format!("endpoint options without a link: {left}.");
                 Err(Problem::usage("E244", what).hint(
                     "a serial link takes --pty or --tcp, a CAN bus these and --udp, --can, \
-                     --socketcand",
+                     --socketcand, modbus-tcp --tcp alone",
                 ))
             }
         }

@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use clap::Args;
 use polepair::Error;
 use polepair::axis::Standstill;
-use polepair::no_reply::{NoReplyDetails, wiring_hint};
+use polepair::no_reply::{NoReplyDetails, Wiring};
 use polepair::stop::{self as stopping, DrivePrograms, StopEvent, StopOptions};
 use polepair_client::message::{
     AxisInfo, AxisStopReport, StopClass, StopReport, StopRequest, UnreachedTarget,
@@ -427,7 +427,7 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
             // a stop.
             Some(unasked) => Err(unasked),
             None if tally.confirmed == 0 => {
-                Err(nobody_problem(stopped.broadcast, stopped.on_can, &stopped.received))
+                Err(nobody_problem(stopped.broadcast, stopped.wiring, &stopped.received))
             }
             None => Ok(Exit::Ok),
         };
@@ -436,7 +436,7 @@ pub fn report_stops(url: &str, stopped: stopping::LinkStopReport) -> Result {
     tally.conclude()
 }
 
-fn nobody_problem(everybody: bool, on_can: bool, details: &NoReplyDetails) -> Problem {
+fn nobody_problem(everybody: bool, wiring: Wiring, details: &NoReplyDetails) -> Problem {
     let output = if everybody {
         "A broadcast stop was sent, and no drive confirmed it."
     } else {
@@ -445,11 +445,7 @@ fn nobody_problem(everybody: bool, on_can: bool, details: &NoReplyDetails) -> Pr
     let problem = Problem::new(Exit::NoReply, "E403", "no drive answered.")
         .why(format!("{} {output}", outcome::unanswered_text(details)))
         .hint("cut the power if a motor turns");
-    if details.is_nothing() {
-        problem.hint(wiring_hint(on_can))
-    } else {
-        problem.hint(details.hint())
-    }
+    if details.is_nothing() { problem.hint(wiring.hint()) } else { problem.hint(details.hint()) }
 }
 
 #[cfg(test)]

@@ -202,6 +202,7 @@ fn protocol_word(name: &'static str) -> &'static str {
     match name {
         "modbus-rtu" => "modbus_rtu",
         "modbus-ascii" => "modbus_ascii",
+        "modbus-tcp" => "modbus_tcp",
         other => other,
     }
 }

@@ -27,6 +27,7 @@ pub fn dissectors() -> &'static [&'static dyn Dissector] {
         &tmcl::TmclDissector,
         &modbus::RTU,
         &modbus::ASCII,
+        &modbus::TCP,
         &tml::explain::SERIAL,
         &tml::explain::TMLCAN,
         &tml::explain::TECHNOCAN,
@@ -77,6 +78,10 @@ pub trait Protocol {
     const BROADCAST_NUMBER: Option<u32> = None;
     /// Keys of connection strings, beside those of every link.
     const KEYS: &'static [OptionKey];
+    /// Usual port of a protocol that has TCP of its own, and no serial line.
+    const NETWORK_PORT: Option<u16> = None;
+    /// An address that no drive has, and a read that a device answers there which does not look at addresses.
+    const UNUSED_ADDRESS: Option<(u32, &'static str)> = None;
     /// True if its frames are ASCII characters, for which seven data bits are enough.
     const IS_ASCII: bool = false;
     /// The baud or bit rate from the factory.
@@ -143,6 +148,7 @@ pub fn visit_protocols(visitor: &mut impl ProtocolVisitor) {
     visitor.visit_protocol::<tmcl::TmclCan>();
     visitor.visit_protocol::<modbus::Rtu>();
     visitor.visit_protocol::<modbus::Ascii>();
+    visitor.visit_protocol::<modbus::Tcp>();
     visitor.visit_protocol::<tml::Tml>();
     visitor.visit_protocol::<tml::TmlCan>();
     visitor.visit_protocol::<tml::TechnoCan>();

@@ -61,6 +61,8 @@ pub struct HostOptions {
     /// A stop waits for the reply: the check for two drives with one address, which takes longer, is left
     /// out.
     pub urgent: bool,
+    /// The link is a TCP connection, not a port.
+    pub serial_server: bool,
     /// Factor of all time-outs of the host, for tests on a busy machine; 1 otherwise.
     pub timeout_scale: u32,
 }
@@ -122,6 +124,7 @@ impl HostOptions {
             line_used_at: None,
             scanning: false,
             urgent: false,
+            serial_server: false,
             timeout_scale: 1,
         }
     }

@@ -136,6 +136,7 @@ impl ModbusSide {
         let at = usize::from(registers.value(fn_registers::BAUD));
         let baud = if self.drive.options().untimed { 0 } else { BAUDS[at.min(BAUDS.len() - 1)] };
         let format = match registers.value(fn_registers::FORMAT) & 0xFF {
+            _ if self.drive.options().tcp => WireFormat::Tcp,
             2 | 102 => WireFormat::Ascii,
             _ => WireFormat::Rtu,
         };
@@ -160,8 +161,8 @@ impl Firmware for ModbusSide {
     fn words_max(&self, function: Function, format: WireFormat) -> u16 {
         match format {
             WireFormat::Ascii => ASCII_WORDS_MAX,
-            WireFormat::Rtu if function.read_space().is_some() => READ_WORDS_MAX,
-            WireFormat::Rtu => WRITE_WORDS_MAX,
+            WireFormat::Rtu | WireFormat::Tcp if function.read_space().is_some() => READ_WORDS_MAX,
+            WireFormat::Rtu | WireFormat::Tcp => WRITE_WORDS_MAX,
         }
     }
 

@@ -56,6 +56,8 @@ pub struct Options {
     pub address: u8,
     /// ASCII from the factory.
     pub ascii: bool,
+    /// The drive is behind a gateway of Modbus TCP, which it looks like itself.
+    pub tcp: bool,
     /// Control mode from the factory (Fn_00).
     pub mode: u16,
     /// Deviations of the CAN end from the standard.
@@ -92,6 +94,7 @@ impl Options {
             untimed: options.untimed,
             address: u8::try_from(address).ok().filter(|a| *a < 128).ok_or("address")?,
             ascii: options.wires.contains(&"modbus-ascii"),
+            tcp: options.wires.contains(&"modbus-tcp"),
             mode: 2,
             can: CAN_QUIRKS,
             homes_by_cia: false,

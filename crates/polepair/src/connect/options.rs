@@ -61,7 +61,8 @@ pub(super) fn host_options_on_network(
     protocol: &ProtocolInfo,
 ) -> Result<HostOptions, Error> {
     let options = host_options(url, protocol, 0)?;
-    Ok(HostOptions { resync_pause_ms: options.resync_pause_ms.or(Some(TCP_PAUSE_MS)), ..options })
+    let resync_pause_ms = options.resync_pause_ms.or(Some(TCP_PAUSE_MS));
+    Ok(HostOptions { resync_pause_ms, serial_server: true, ..options })
 }
 
 pub(super) fn rate_key(url: &Url, key: &str) -> Result<Option<u32>, Error> {

@@ -15,7 +15,6 @@ use crate::lss::{self, LssMaster};
 use crate::no_reply::{ACKNOWLEDGES, NoReplyCause, NoReplyDetails};
 use crate::protocol_line::ProtocolLine;
 use crate::url::AxisNumber;
-use crate::wire::SharedLink;
 use polepair_core::profile::{Access, ParameterId, Profile};
 use polepair_core::station::Counters;
 use polepair_link::{Connection, LinkError};
@@ -247,7 +246,7 @@ impl DriveScanner {
             .map(|(_, bus_address)| bus_address.address)
             .collect();
         let seats: Vec<(usize, BusAddress)> = known.chain(&self.found_addresses).cloned().collect();
-        self.report.on_can = matches!(line.link, SharedLink::Can(_));
+        self.report.wiring = line.wiring();
         let tried = &mut self.report.tried;
         // Before the first request: all addresses may be asked at once.
         exclude_clashing(&line, &seats, &mut numbers, tried);

@@ -245,11 +245,14 @@ fn read_link(
             (bit_rate, RackWire::Can(line), false)
         }
     };
-    let mine: &[&str] = match protocol.medium {
+    let foreign: &[&str] = match protocol.medium {
+        MediumKind::Serial if protocol.network_port.is_some() => {
+            &["bitrate", "baud", "duplex", "timing", "echo"]
+        }
         MediumKind::Serial => &["bitrate"],
         MediumKind::Can => &["baud", "duplex", "timing", "echo"],
     };
-    if let Some(key) = mine.iter().find(|key| node.has(key)) {
+    if let Some(key) = foreign.iter().find(|key| node.has(key)) {
         return Err(node
             .location()
             .error(format!("`{key}` is not supported on this type of link")));
@@ -289,7 +292,7 @@ fn baud_setting(key: &str, node: &TomlTable<'_, '_>) -> Result<Option<u32>, File
 
 /// Refuses what no link of that protocol can be opened at.
 fn check_connect(location: &str, protocol: &registry::ProtocolInfo) -> Result<(), String> {
-    let url = format!("{}+{location}", protocol.name).parse::<Url>().map_err(|e| e.to_string())?;
+    let url = protocol.url_at(location).parse::<Url>().map_err(|e| e.to_string())?;
     if url.axes.is_empty() {
         Ok(())
     } else {
@@ -386,7 +389,7 @@ fn read_serial(
         RackWire::Can(_) => Duplex::Half,
     };
     let duplex = request.unwrap_or(usual);
-    let untimed = baud == Some(0);
+    let untimed = baud == Some(0) || protocol.network_port.is_some();
     let timing = match node.text("timing")? {
         None if untimed => Timing::Cdc,
         None => Timing::Uart,

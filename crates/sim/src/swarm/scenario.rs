@@ -109,7 +109,11 @@ impl Scenario {
 
     fn add_links(&mut self, random: &mut Random) {
         let names: Vec<_> =
-            host::protocols().into_iter().filter(|p| p.medium == MediumKind::Serial).collect();
+            // The faults of a serial line are none of a TCP connection.
+            host::protocols()
+                .into_iter()
+                .filter(|p| p.medium == MediumKind::Serial && !p.is_on_network)
+                .collect();
         for _ in 0..random.between(1, LINKS_MAX) {
             if !names.is_empty() {
                 let protocol = random.pick(&names);

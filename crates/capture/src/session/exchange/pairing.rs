@@ -207,7 +207,9 @@ impl Pairing {
         request.awaits = awaits;
         (request.acks, request.answers, request.spoiled) = (0, 0, false);
         request.last_sent = observed.time;
-        request.limit_ns = observed.profile.map_or(LIMIT_UNKNOWN, |profile| {
+        // A profile's time is that of its serial line.
+        let profile = observed.profile.filter(|_| !observed.dissector.has_transactions());
+        request.limit_ns = profile.map_or(LIMIT_UNKNOWN, |profile| {
             LIMIT_MIN.max(u64::from(profile.reply_timeout_ms) * 1_000_000)
         });
         request.state = if awaits == ReplyExpectation::NONE {
@@ -265,7 +267,7 @@ impl Pairing {
         axis: Option<u32>,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let turns = observed.raw.id.is_none();
+        let turns = observed.raw.id.is_none() && !observed.dissector.has_transactions();
         let acked = awaits.acks != ReplyCount::Zero;
         for at in (0..self.requests.len()).rev() {
             let request = &self.requests[at];
@@ -412,7 +414,9 @@ impl Pairing {
             return true;
         }
         let answered = request.exchange.answered.map_or(request.last_sent, |(_, time)| time);
-        let turns = observed.raw.id.is_none() && request.awaits.acks == ReplyCount::Zero;
+        let turns = observed.raw.id.is_none()
+            && request.awaits.acks == ReplyCount::Zero
+            && !observed.dissector.has_transactions();
         let newest = self.requests.back().is_some_and(|last| core::ptr::eq(last, request));
         observed.time.zip(answered).is_none_or(|(now, then)| now.since(then) <= request.limit_ns)
             && (newest || !turns)

@@ -7,6 +7,7 @@
 
 use super::ascii::{self, AsciiDeframer, FeedResult};
 use super::rtu::{self, ADU_MAX, ADU_MIN};
+use super::tcp;
 use super::wire::{
     AnnouncedLength, BROADCAST, Exception, Function, PDU_MAX, READ_WORDS_MAX, ReplyPdu, RequestPdu,
     Space, WRITE_WORDS_MAX, WireFormat, words,
@@ -15,12 +16,15 @@ use crate::error::WireError;
 use crate::medium::SerialLine;
 use crate::station::LineEvent;
 use crate::time::Instant;
+use core::time::Duration;
 
 /// Received bytes that are kept until they are processed. Further ones are lost and counted.
-const BUFFER_MAX: usize = 2 * ADU_MAX;
+const BUFFER_MAX: usize = 8 * ADU_MAX;
 /// An unfinished frame is discarded after this time without a byte: longer than any adapter pauses,
 /// shorter than any host waits for a reply.
 const STALE_MS: u32 = 50;
+/// The limit for TCP, where a segment may be sent again.
+const TCP_STALE: Duration = Duration::from_secs(2);
 /// Longest search for the end of a function without a known length, bytes.
 const UNKNOWN_LEN_MAX: usize = 32;
 
@@ -149,6 +153,8 @@ pub struct SerialEndpoint {
     overrun: bool,
     backlog: bool,
     ascii: AsciiDeframer,
+    /// Transaction of the present request, on TCP.
+    transaction: u16,
     last_byte: Instant,
     reply: [u8; ascii::FRAME_MAX],
     reply_len: usize,
@@ -168,6 +174,7 @@ impl SerialEndpoint {
             overrun: false,
             backlog: false,
             ascii: AsciiDeframer::default(),
+            transaction: 0,
             last_byte: Instant::ZERO,
             reply: [0; ascii::FRAME_MAX],
             reply_len: 0,
@@ -187,6 +194,14 @@ impl SerialEndpoint {
         self.apply_format(firmware);
         match self.format {
             WireFormat::Ascii => self.buffer_bytes(bytes),
+            WireFormat::Tcp => {
+                // The rest of a frame comes from the connection that sent its beginning, or never.
+                if now.since(self.last_byte) > TCP_STALE {
+                    self.counters.skipped += self.len as u64;
+                    self.len = 0;
+                }
+                self.buffer_bytes(bytes);
+            }
             WireFormat::Rtu => {
                 let first = firmware.serial_settings().line.characters_ns(bytes.len() as u32);
                 // The bytes are handed over when the last one has come: the silence was before the first.
@@ -228,7 +243,7 @@ impl SerialEndpoint {
         match self.format {
             _ if self.len == 0 => None,
             _ if self.backlog => Some(self.last_byte),
-            WireFormat::Ascii => None,
+            WireFormat::Ascii | WireFormat::Tcp => None,
             WireFormat::Rtu => Some(self.last_byte.plus_ns(self.frame_end_ns() + 1)),
         }
     }
@@ -294,6 +309,7 @@ impl SerialEndpoint {
     fn process_buffer<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         match (self.format, self.framing) {
             (WireFormat::Ascii, _) => self.process_ascii(now, firmware),
+            (WireFormat::Tcp, _) => self.process_tcp(now, firmware),
             (WireFormat::Rtu, Framing::Length) => self.process_by_length(now, firmware),
             (WireFormat::Rtu, Framing::Silence { .. }) => {}
         }
@@ -364,6 +380,28 @@ impl SerialEndpoint {
         self.handle_pdu(now, adu[0], &adu[1..len - 2], firmware);
     }
 
+    /// Executes the requests of a connection one after the other, however many wait.
+    fn process_tcp<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
+        while self.reply_len == 0 && self.len > 0 {
+            match tcp::span(&self.buffer[..self.len]) {
+                AnnouncedLength::Bytes(len) if len <= self.len => {
+                    let mut adu = [0; tcp::ADU_MAX];
+                    adu[..len].copy_from_slice(&self.buffer[..len]);
+                    self.drop_front(len);
+                    if let Ok((header, pdu)) = tcp::decode(&adu[..len]) {
+                        self.transaction = header.transaction;
+                        self.handle_pdu(now, header.unit, pdu, firmware);
+                    }
+                }
+                AnnouncedLength::Bytes(_) | AnnouncedLength::More => break,
+                AnnouncedLength::Unknown | AnnouncedLength::Never => {
+                    self.counters.skipped += 1;
+                    self.drop_front(1);
+                }
+            }
+        }
+    }
+
     fn handle_ascii_frame<F: Firmware>(&mut self, now: Instant, firmware: &mut F) {
         let mut bytes = [0; ADU_MAX];
         let len = self.ascii.bytes().len();
@@ -376,7 +414,7 @@ impl SerialEndpoint {
 
     /// Executes one frame with a valid check sum. A broadcast has no reply.
     fn handle_pdu<F: Firmware>(&mut self, now: Instant, unit: u8, pdu: &[u8], firmware: &mut F) {
-        if unit != BROADCAST && unit != firmware.address() {
+        if !self.is_addressed(unit, firmware.address()) {
             self.counters.foreign += 1;
             return;
         }
@@ -402,8 +440,18 @@ impl SerialEndpoint {
         self.reply_len = match self.format {
             WireFormat::Rtu => rtu::emit(unit, &mut self.reply, put),
             WireFormat::Ascii => ascii::emit(unit, &mut self.reply, put),
+            WireFormat::Tcp => {
+                let header = tcp::Header { transaction: self.transaction, unit };
+                tcp::emit(header, &mut self.reply, put)
+            }
         };
         self.reply_at = now.plus_ns(self.turnaround_ns(&wire.line));
+    }
+
+    /// Returns whether this station executes requests to a unit. On TCP the first station is also the device itself.
+    const fn is_addressed(&self, unit: u8, own: u8) -> bool {
+        let is_device = matches!(self.format, WireFormat::Tcp) && unit == tcp::DEVICE_UNIT;
+        unit == BROADCAST || unit == own || is_device && own == 1
     }
 
     /// A standard RTU station detects the end of a request after 3.5 characters of silence (MSL 2.5.1.1); an

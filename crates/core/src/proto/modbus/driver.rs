@@ -8,7 +8,7 @@ use super::encoding::{REGISTERS_MAX, decode, encode, register_count};
 use super::host_request::{Answer, COILS_MAX, HostRequest, RequestBody, WORDS_MAX};
 use super::text::{self, ParsedRequest};
 use super::wire::{BROADCAST, Exception, Function, RequestPdu, Space};
-use super::{ascii, device_id, rtu};
+use super::{ascii, device_id, rtu, tcp};
 use crate::axis::{AnswerDecoder, Driver, Refusal, RequestEncoder, WriteRules};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
@@ -152,12 +152,14 @@ impl RequestEncoder for ModbusDriver {
         )
     }
 
-    /// A frame of RTU, or of ASCII where it begins with a colon.
+    /// A frame of RTU, of ASCII where it begins with a colon, or of TCP without a valid check sum.
     fn decode_request(&self, frame: &RawFrame<'_>) -> Result<HostRequest, Unsupported> {
         let mut plain = [0; ADU_MAX];
         let (_, pdu) = match frame.bytes {
             [b':', characters @ ..] => unpack_ascii(characters, &mut plain),
-            bytes => rtu::decode(bytes).ok(),
+            bytes => rtu::decode(bytes)
+                .or_else(|_| tcp::decode(bytes).map(|(header, pdu)| (header.unit, pdu)))
+                .ok(),
         }
         .filter(|(unit, _)| frame.id.is_none() && *unit == self.unit)
         .ok_or(Unsupported::BadBytes)?;

@@ -12,7 +12,7 @@ pub(super) use conversation::write_effect;
 use super::encoding::{decode, register_count, words_from};
 use super::text;
 use super::wire::{Exception, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, WireFormat, word};
-use super::{ascii, device_id, rtu};
+use super::{ascii, device_id, rtu, tcp};
 use crate::error::WireError;
 use crate::explain::{
     Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts, Effect,
@@ -29,7 +29,7 @@ const NAMED_MAX: usize = 4;
 /// Limit of active lines of a reply that are listed by number.
 const BITS_MAX: usize = 16;
 
-/// Modbus RTU or ASCII in captures, dashboards and the encoder.
+/// Modbus RTU, ASCII or TCP in captures, dashboards and the encoder.
 #[derive(Clone, Copy, Debug)]
 pub struct ModbusDissector(pub WireFormat);
 
@@ -38,6 +38,7 @@ impl FrameFormat for ModbusDissector {
         match self.0 {
             WireFormat::Rtu => framing::cut_rtu(bytes, direction, ended),
             WireFormat::Ascii => framing::cut_ascii(bytes, ended),
+            WireFormat::Tcp => framing::cut_tcp(bytes, direction, ended),
         }
     }
 
@@ -48,6 +49,7 @@ impl FrameFormat for ModbusDissector {
                 FrameBoundary::Frame(len) => Some(len),
                 _ => None,
             },
+            WireFormat::Tcp => framing::tcp_frame_len(bytes, direction),
         }
     }
 }
@@ -55,6 +57,10 @@ impl FrameFormat for ModbusDissector {
 impl FrameConversation for ModbusDissector {
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         self.answers_request(frame, request)
+    }
+
+    fn has_transactions(&self) -> bool {
+        self.0 == WireFormat::Tcp
     }
 
     fn role(&self, frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
@@ -91,6 +97,7 @@ impl Dissector for ModbusDissector {
         match self.0 {
             WireFormat::Rtu => "modbus-rtu",
             WireFormat::Ascii => "modbus-ascii",
+            WireFormat::Tcp => "modbus-tcp",
         }
     }
 
@@ -109,15 +116,16 @@ impl Dissector for ModbusDissector {
                 let (mut store, mut request_bytes) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
                 let request = context
                     .request
-                    .and_then(|request| collect_ascii(request, &mut request_bytes).ok());
+                    .and_then(|request| framing::collect_ascii(request, &mut request_bytes).ok());
                 let request = request.and_then(|bytes| ascii::decode(bytes).ok());
-                let (adu, error) = match collect_ascii(bytes, &mut store) {
+                let (adu, error) = match framing::collect_ascii(bytes, &mut store) {
                     Ok(adu) => (adu, ascii::decode(adu).err()),
                     Err(error) => (&[][..], Some(error)),
                 };
                 let layout = FrameLayout { format: WireFormat::Ascii, check_len: 1 };
                 explain_frame(layout, adu, error, request, context, sink);
             }
+            WireFormat::Tcp => explain_tcp(bytes, context, sink),
         }
     }
 
@@ -130,9 +138,10 @@ impl Dissector for ModbusDissector {
         // In parentheses at the end is a remark, as explaining puts it there.
         let command = text.split(" (").next().unwrap_or(text);
         let parsed = text::parse(command, addressing.profile)?;
+        let last = if self.0 == WireFormat::Tcp { 255 } else { 247 };
         let expected = "a station address, 0 to 247";
         let unit = addressing.axis.unwrap_or(u32::from(DEFAULT_UNIT));
-        let unit = u8::try_from(unit).ok().filter(|&unit| unit <= 247);
+        let unit = u8::try_from(unit).ok().filter(|&unit| unit <= last);
         let unit = unit.ok_or(TextError { at: 0, expected })?;
         let mut data = [0; PDU_MAX];
         let request = request_pdu(&parsed, &mut data);
@@ -140,6 +149,9 @@ impl Dissector for ModbusDissector {
         let len = match self.0 {
             WireFormat::Rtu => rtu::emit(unit, &mut frame, |out| request.emit(out)),
             WireFormat::Ascii => ascii::emit(unit, &mut frame, |out| request.emit(out)),
+            WireFormat::Tcp => {
+                tcp::emit(tcp::Header { transaction: 1, unit }, &mut frame, |out| request.emit(out))
+            }
         };
         let expected = "a text whose frame fits the buffer";
         let space = out.get_mut(..len).ok_or(TextError { at: text.len(), expected })?;
@@ -147,6 +159,7 @@ impl Dissector for ModbusDissector {
         let answer = request.reply_len().filter(|_| unit != 0).map(|pdu| match self.0 {
             WireFormat::Rtu => pdu + 3,
             WireFormat::Ascii => 2 * pdu + 7,
+            WireFormat::Tcp => pdu + tcp::HEADER_LEN,
         });
         Ok(EncodedFrame {
             len,
@@ -223,30 +236,6 @@ fn write_device_id(data: &[u8], sink: &mut dyn ExplainSink) -> bool {
     true
 }
 
-/// The bytes of an ASCII frame.
-fn collect_ascii<'a>(
-    characters: &[u8],
-    store: &'a mut [u8; rtu::ADU_MAX],
-) -> Result<&'a [u8], WireError> {
-    let mut collector = ascii::AsciiDeframer::default();
-    for (at, &character) in characters.iter().enumerate() {
-        match collector.feed(character) {
-            ascii::FeedResult::Incomplete => {}
-            ascii::FeedResult::Complete => {
-                let bytes = collector.bytes();
-                store[..bytes.len()].copy_from_slice(bytes);
-                return Ok(&store[..bytes.len()]);
-            }
-            ascii::FeedResult::Skipped(_) if character == ascii::START => {}
-            ascii::FeedResult::Skipped(_) => {
-                return Err(WireError::Unexpected { at: at as u16, found: character });
-            }
-        }
-    }
-    let found = characters.len() as u16;
-    Err(WireError::Short { need: found + 1, found })
-}
-
 /// Layout of the bytes of a frame on the wire.
 #[derive(Clone, Copy)]
 struct FrameLayout {
@@ -260,6 +249,8 @@ impl FrameLayout {
         match self.format {
             WireFormat::Rtu => byte as u16,
             WireFormat::Ascii => (1 + 2 * byte) as u16,
+            // The unit is the last byte of the header.
+            WireFormat::Tcp => (tcp::HEADER_LEN - 1 + byte) as u16,
         }
     }
 
@@ -286,6 +277,7 @@ impl FrameLayout {
         let name = match self.format {
             WireFormat::Rtu => "crc",
             WireFormat::Ascii => "lrc",
+            WireFormat::Tcp => return,
         };
         let found = check.iter().fold(0, |found, &byte| found << 8 | u64::from(byte));
         let wrong = matches!(error, Some(WireError::Checksum { .. }));
@@ -298,6 +290,26 @@ impl FrameLayout {
             if wrong { "wrong" } else { "" },
         );
     }
+}
+
+/// Explains a frame of TCP: the fields of its header, then those that every format has.
+fn explain_tcp(bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSink) {
+    let request = context.request.and_then(|request| tcp::decode(request).ok());
+    let request = request.map(|(header, pdu)| (header.unit, pdu));
+    let error = tcp::decode(bytes).err();
+    let layout = FrameLayout { format: WireFormat::Tcp, check_len: 0 };
+    let Some((header, body)) = bytes.split_at_checked(tcp::HEADER_LEN - 1) else {
+        return explain_frame(layout, &[], error, request, context, sink);
+    };
+    let mut emit = |name, at: usize, value, meaning| {
+        sink.field(Field { name, start: at as u16, end: at as u16 + 2, value, meaning });
+    };
+    emit("transaction", 0, FieldValue::Int(i64::from(word(header, 0))), "");
+    let protocol = word(header, 2);
+    let meaning = if protocol == 0 { "modbus" } else { "not modbus" };
+    emit("protocol", 2, FieldValue::Int(i64::from(protocol)), meaning);
+    emit("length", 4, FieldValue::Int(i64::from(word(header, 4))), "");
+    explain_frame(layout, body, error, request, context, sink);
 }
 
 /// Explains a frame; `adu` are its bytes with the check sum.

@@ -14,6 +14,7 @@
 mod multiple_write;
 mod proof;
 mod receive;
+pub mod tcp;
 
 use super::ascii::{self, AsciiDeframer};
 use super::device_id;
@@ -209,9 +210,10 @@ impl AwaitedReply {
 }
 
 impl SerialHost {
-    /// A host that sends `format`.
+    /// A host that sends `format`, one of a serial line.
     #[must_use]
     pub fn new(format: WireFormat, options: &HostOptions) -> Self {
+        debug_assert_ne!(format, WireFormat::Tcp, "it has a host of its own");
         let timeout_ms = options.reply_timeout_ms(REPLY_TIMEOUT_MS);
         let line = SerialLine::new_8n1(options.baud);
         Self {
@@ -224,7 +226,7 @@ impl SerialHost {
             }),
             silence_ns: match format {
                 WireFormat::Rtu => rtu::silence_ns(&line),
-                WireFormat::Ascii => 0,
+                WireFormat::Ascii | WireFormat::Tcp => 0,
             },
             echo: if options.echo { EchoState::Always } else { EchoState::NotDetected },
             is_timed: options.timed_baud() != 0,
@@ -417,7 +419,7 @@ impl SerialHost {
     #[inline]
     fn frame_characters(&self, pdu_len: usize) -> usize {
         match self.format {
-            WireFormat::Rtu => pdu_len + 3,
+            WireFormat::Rtu | WireFormat::Tcp => pdu_len + 3,
             WireFormat::Ascii => 2 * pdu_len + 7,
         }
     }

@@ -2,7 +2,7 @@
 
 use super::explain::write_effect;
 use super::wire::{Function, RequestPdu, Space, WRITE_BITS_MAX, WireFormat, words};
-use super::{ascii, device_id, rtu};
+use super::{ascii, device_id, rtu, tcp};
 use crate::explain::Effect;
 use crate::profile::Profile;
 use crate::station::{self, RequestClass};
@@ -127,6 +127,12 @@ impl RequestBody {
         }
     }
 
+    /// The text of the requested object in the data of a reply. A device without the object lists others.
+    pub(super) fn device_text<'a>(&self, data: &'a [u8]) -> Option<&'a [u8]> {
+        let Self::DeviceId { object, .. } = self else { return None };
+        device_id::objects(data)?.find_map(|(found, text)| (found == *object).then_some(text))
+    }
+
     /// First address, and the field that a good reply repeats: the value or the count.
     #[must_use]
     #[inline]
@@ -153,11 +159,17 @@ impl HostRequest {
         self.emit_any(format, out)
     }
 
+    /// Header of the request as that transaction.
+    pub(super) const fn tcp_header(&self, transaction: u16) -> tcp::Header {
+        tcp::Header { transaction, unit: self.unit }
+    }
+
     #[inline(never)]
     fn emit_any(&self, format: WireFormat, out: &mut [u8]) -> usize {
         self.body.with_pdu(|pdu| match format {
             WireFormat::Rtu => rtu::emit_request(self.unit, &pdu, out),
             WireFormat::Ascii => ascii::emit(self.unit, out, |out| pdu.emit(out)),
+            WireFormat::Tcp => tcp::emit(self.tcp_header(0), out, |out| pdu.emit(out)),
         })
     }
 }

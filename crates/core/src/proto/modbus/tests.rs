@@ -6,6 +6,7 @@ mod doubt;
 mod driver;
 mod pair;
 mod round_trip;
+mod tcp;
 mod world;
 
 use super::rtu;

@@ -32,6 +32,8 @@ pub enum WireFormat {
     Rtu,
     /// Hexadecimal characters with LRC.
     Ascii,
+    /// Binary behind a header, without a check sum.
+    Tcp,
 }
 
 /// An address space of a station. The numbers are those of a profile's `space`.
@@ -603,8 +605,7 @@ pub enum AnnouncedLength {
     Never,
 }
 
-/// The length of the request PDU that begins with `head` (MAP 6; the functions that are only named
-/// here included, so that a station can refuse them as a whole).
+/// The length of the request PDU that begins with `head` (MAP 6), also of functions that stations only refuse.
 #[must_use]
 pub fn request_span(head: &[u8]) -> AnnouncedLength {
     let Some(&code) = head.first() else { return AnnouncedLength::More };

@@ -1,7 +1,8 @@
 //! Frames in their conversation: sender, expected reply, values.
 
+use super::framing::collect_ascii;
 use super::number_text::write_scaled;
-use super::{ModbusDissector, NAMED_MAX, collect_ascii, is_reply};
+use super::{ModbusDissector, NAMED_MAX, is_reply};
 use crate::convert::tail;
 use crate::explain::{
     Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue, RawFrame,
@@ -12,7 +13,7 @@ use crate::proto::modbus::encoding::{decode, register_count, words_from};
 use crate::proto::modbus::wire::{
     BROADCAST, EXCEPTION_BIT, Exception, ReplyPdu, RequestPdu, Space, WireFormat, word,
 };
-use crate::proto::modbus::{ascii, device_id, rtu};
+use crate::proto::modbus::{ascii, device_id, rtu, tcp};
 
 impl ModbusDissector {
     /// Station and PDU of a frame with a valid check sum.
@@ -24,6 +25,7 @@ impl ModbusDissector {
         let (unit, pdu) = match self.0 {
             WireFormat::Rtu => rtu::decode(bytes).ok()?,
             WireFormat::Ascii => ascii::decode(collect_ascii(bytes, store).ok()?).ok()?,
+            WireFormat::Tcp => tcp::decode(bytes).map(|(header, pdu)| (header.unit, pdu)).ok()?,
         };
         (!pdu.is_empty()).then_some((unit, pdu))
     }
@@ -85,7 +87,7 @@ impl ModbusDissector {
     }
 
     /// A reply has its request's station and function, and as much data as was asked for or the
-    /// address that was written.
+    /// address that was written. On TCP it repeats the transaction too.
     pub(super) fn answers_request(self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         let (mut one, mut other) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
         let (Some((from, reply)), Some((to, request_bytes))) = (
@@ -95,6 +97,9 @@ impl ModbusDissector {
             return false;
         };
         if from != to || reply[0] & !EXCEPTION_BIT != request_bytes[0] {
+            return false;
+        }
+        if self.0 == WireFormat::Tcp && frame.bytes[..2] != request.bytes[..2] {
             return false;
         }
         match (ReplyPdu::parse(reply), RequestPdu::parse(request_bytes)) {

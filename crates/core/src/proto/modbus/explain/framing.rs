@@ -1,9 +1,10 @@
 //! Finds the end of frames in a stream.
 
+use crate::error::WireError;
 use crate::explain::{Direction, FrameBoundary};
 use crate::proto::modbus::rtu::{self, ADU_MAX, ADU_MIN};
 use crate::proto::modbus::wire::AnnouncedLength;
-use crate::proto::modbus::{ascii, wire};
+use crate::proto::modbus::{ascii, tcp, wire};
 
 /// Longest search for the beginning of the next frame.
 const SEARCH_MAX: usize = 2 * ADU_MAX;
@@ -71,6 +72,68 @@ pub(super) fn cut_ascii(bytes: &[u8], ended: bool) -> FrameBoundary {
         }
     }
     if ended { FrameBoundary::Skip(bytes.len()) } else { FrameBoundary::Incomplete }
+}
+
+/// The bytes of an ASCII frame.
+pub(super) fn collect_ascii<'a>(
+    characters: &[u8],
+    store: &'a mut [u8; rtu::ADU_MAX],
+) -> Result<&'a [u8], WireError> {
+    let mut collector = ascii::AsciiDeframer::default();
+    for (at, &character) in characters.iter().enumerate() {
+        match collector.feed(character) {
+            ascii::FeedResult::Incomplete => {}
+            ascii::FeedResult::Complete => {
+                let bytes = collector.bytes();
+                store[..bytes.len()].copy_from_slice(bytes);
+                return Ok(&store[..bytes.len()]);
+            }
+            ascii::FeedResult::Skipped(_) if character == ascii::START => {}
+            ascii::FeedResult::Skipped(_) => {
+                return Err(WireError::Unexpected { at: at as u16, found: character });
+            }
+        }
+    }
+    let found = characters.len() as u16;
+    Err(WireError::Short { need: found + 1, found })
+}
+
+pub(super) fn cut_tcp(bytes: &[u8], direction: Option<Direction>, ended: bool) -> FrameBoundary {
+    match scan_tcp_head(bytes, direction) {
+        HeadScan::Frame(len) => FrameBoundary::Frame(len),
+        HeadScan::More if !ended => FrameBoundary::Incomplete,
+        // A stream that lost its beginning goes on with the next header.
+        _ => {
+            let next = (1..bytes.len().min(SEARCH_MAX))
+                .find(|&at| !matches!(scan_tcp_head(&bytes[at..], direction), HeadScan::Nothing));
+            FrameBoundary::Skip(next.unwrap_or(bytes.len()).max(1))
+        }
+    }
+}
+
+/// The frame of TCP at the head of the bytes.
+pub(super) fn tcp_frame_len(bytes: &[u8], direction: Option<Direction>) -> Option<usize> {
+    match scan_tcp_head(bytes, direction) {
+        HeadScan::Frame(len) => Some(len),
+        _ => None,
+    }
+}
+
+fn scan_tcp_head(bytes: &[u8], direction: Option<Direction>) -> HeadScan {
+    let spans = match direction {
+        Some(Direction::ToDrive) => [tcp::request_span(bytes); 2],
+        Some(Direction::ToHost) => [tcp::reply_span(bytes); 2],
+        None => [tcp::request_span(bytes), tcp::reply_span(bytes)],
+    };
+    let whole = |span: &AnnouncedLength| match span {
+        AnnouncedLength::Bytes(len) if *len <= bytes.len() => Some(*len),
+        _ => None,
+    };
+    match spans.iter().find_map(whole) {
+        Some(len) => HeadScan::Frame(len),
+        None if spans.iter().all(|span| *span == AnnouncedLength::Never) => HeadScan::Nothing,
+        None => HeadScan::More,
+    }
 }
 
 fn scan_head(bytes: &[u8], direction: Option<Direction>) -> HeadScan {

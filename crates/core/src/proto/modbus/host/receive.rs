@@ -245,7 +245,7 @@ impl SerialHost {
 
     fn sent_function(&self) -> u8 {
         match self.format {
-            WireFormat::Rtu => self.sent[1],
+            WireFormat::Rtu | WireFormat::Tcp => self.sent[1],
             WireFormat::Ascii => self.sent_nibble(3) << 4 | self.sent_nibble(4),
         }
     }
@@ -369,19 +369,12 @@ impl SerialHost {
             }
             ReplyPdu::Read { data, .. } => self.accept_answer(now, data),
             ReplyPdu::Unknown { data, .. } => {
-                let text = self.find_device_id_object(data).unwrap_or_default();
+                let body = self.current.as_ref().map(|current| current.request.body);
+                let text = body.and_then(|body| body.device_text(data)).unwrap_or_default();
                 self.accept_answer(now, text);
             }
             _ => self.accept_answer(now, &[]),
         }
-    }
-
-    /// The text of the requested object. A device without the object lists others.
-    fn find_device_id_object<'a>(&self, data: &'a [u8]) -> Option<&'a [u8]> {
-        let RequestBody::DeviceId { object, .. } = self.current.as_ref()?.request.body else {
-            return None;
-        };
-        device_id::objects(data)?.find_map(|(found, text)| (found == object).then_some(text))
     }
 
     /// Notes an exchange without an echo that could have shown one.
@@ -485,7 +478,7 @@ enum ReplyScan {
 }
 
 /// Returns whether a reply is of the expected kind: function, byte count, address and value.
-fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
+pub(super) fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) -> bool {
     match *reply {
         ReplyPdu::Exception { function, .. } => function == awaited.function,
         ReplyPdu::Read { space, data } => {

@@ -24,6 +24,7 @@ fn reply(format: WireFormat) -> Vec<u8> {
     let len = match format {
         WireFormat::Rtu => rtu::emit(1, &mut out, put),
         WireFormat::Ascii => ascii::emit(1, &mut out, put),
+        WireFormat::Tcp => unreachable!("it has no check"),
     };
     out[..len].to_vec()
 }

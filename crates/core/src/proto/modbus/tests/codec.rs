@@ -16,8 +16,12 @@ use crate::explain::{
 use crate::profile::Encoding;
 use crate::proto::modbus::device::{Framing, SerialEndpoint};
 use crate::proto::modbus::host_request::{HostRequest, RequestBody};
-use crate::proto::modbus::wire::{Exception, ReplyPdu, RequestPdu, Space, WireFormat};
-use crate::proto::modbus::{ASCII, ModbusDissector, RTU, SerialHost, ascii, encoding, rtu};
+use crate::proto::modbus::wire::{
+    AnnouncedLength, Exception, ReplyPdu, RequestPdu, Space, WireFormat,
+};
+use crate::proto::modbus::{
+    ASCII, ModbusDissector, RTU, SerialHost, TCP, ascii, encoding, rtu, tcp,
+};
 use crate::station::{Host as _, RequestClass, Station, Ticket, Timed};
 use crate::time::Instant;
 
@@ -82,7 +86,11 @@ fn vectors() -> Vec<Vector> {
     let list: Vec<serde_json::Value> = serde_json::from_str(VECTORS).unwrap();
     let read = |v: &serde_json::Value| Vector {
         name: v["name"].as_str().unwrap().to_string(),
-        dissector: if v["kind"] == "modbus-rtu" { RTU } else { ASCII },
+        dissector: match v["kind"].as_str() {
+            Some("modbus-rtu") => RTU,
+            Some("modbus-tcp") => TCP,
+            _ => ASCII,
+        },
         direction: match v["direction"].as_str() {
             Some("host->drive") => Direction::ToDrive,
             _ => Direction::ToHost,
@@ -110,6 +118,11 @@ fn reencode(vector: &Vector) -> Vec<u8> {
             store[..len].copy_from_slice(collector.bytes());
             ascii::decode(&store[..len]).unwrap()
         }
+        WireFormat::Tcp => {
+            let (header, pdu) = tcp::decode(&vector.bytes).unwrap();
+            assert_eq!(tcp::span(&vector.bytes), AnnouncedLength::Bytes(vector.bytes.len()));
+            (header.unit, pdu)
+        }
     };
     let mut out = [0; 520];
     let put = |out: &mut [u8]| match vector.direction {
@@ -119,6 +132,11 @@ fn reencode(vector: &Vector) -> Vec<u8> {
     let len = match vector.dissector.0 {
         WireFormat::Rtu => rtu::emit(unit, &mut out, put),
         WireFormat::Ascii => ascii::emit(unit, &mut out, put),
+        WireFormat::Tcp => {
+            // Its own transaction: nothing else has one.
+            let transaction = u16::from_be_bytes([vector.bytes[0], vector.bytes[1]]);
+            tcp::emit(tcp::Header { transaction, unit }, &mut out, put)
+        }
     };
     out[..len].to_vec()
 }
@@ -297,8 +315,8 @@ fn every_split_gives_the_same_and_no_damage_is_executed() {
             end.handle_input(Instant(2), &bytes[at..], &mut drive);
             assert_eq!(drain(&mut end, &mut drive, Instant(2)), whole, "{} at {at}", vector.name);
         }
-        if format == WireFormat::Ascii {
-            continue; // Its 8-bit sum lets some damage through.
+        if format != WireFormat::Rtu {
+            continue; // The 8-bit sum of ASCII lets some damage through; TCP has no sum, and needs none.
         }
         for bit in 0..8 * bytes.len() {
             let (mut end, mut drive) = device(format);
@@ -314,7 +332,9 @@ fn every_split_gives_the_same_and_no_damage_is_executed() {
 
 #[test]
 fn glued_frames_are_all_answered_in_order() {
-    for (format, dissector) in [(WireFormat::Rtu, RTU), (WireFormat::Ascii, ASCII)] {
+    for (format, dissector) in
+        [(WireFormat::Rtu, RTU), (WireFormat::Ascii, ASCII), (WireFormat::Tcp, TCP)]
+    {
         let mut glued = vec![0x55, 0x01];
         for value in 0..3 {
             let mut out = [0; 520];
@@ -371,6 +391,7 @@ fn garbage_never_hangs_a_device() {
         let frame = match format {
             WireFormat::Rtu => good[8].clone(),
             WireFormat::Ascii => b":0106003300C8FE\r\n".to_vec(),
+            WireFormat::Tcp => unreachable!("not in the list"),
         };
         now = now.plus_ms(1000);
         end.handle_timeout(now, &mut drive);

@@ -55,8 +55,8 @@ impl Firmware for RegisterDrive {
     fn words_max(&self, function: Function, format: WireFormat) -> u16 {
         match format {
             WireFormat::Ascii => 12,
-            WireFormat::Rtu if function.read_space().is_some() => 125,
-            WireFormat::Rtu => 123,
+            WireFormat::Rtu | WireFormat::Tcp if function.read_space().is_some() => 125,
+            WireFormat::Rtu | WireFormat::Tcp => 123,
         }
     }
 
