@@ -3,7 +3,9 @@
 //! A profile whose family is its protocol's own word, and no folder of drives, is the generic one and
 //! lands beside the protocol instead. Generated files are committed and never edited.
 
-use polepair_core::plan::{Operand, ParameterTest, Plan, Step};
+mod steps;
+
+use polepair_core::plan::ParameterTest;
 use polepair_core::profile::{
     Access, BitName, Certainty, CouplingParameters, DigitField, Fault, IdentityQuery, MotionRules,
     Parameter, ParameterId, Persistence, Profile, Scale, ScaleRule, SignalSource, Watchdog,
@@ -14,6 +16,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use steps::plan_row;
 
 /// Everything that generation may do wrong, as text for people.
 pub type CodegenResult<T> = std::result::Result<T, String>;
@@ -510,79 +513,6 @@ fn mask_literal(mask: i64) -> String {
     if mask < 0 { mask.to_string() } else { format!("{mask:#x}") }
 }
 
-fn plan_row(p: &Plan) -> String {
-    format!(
-        "Plan {{ verb: Verb::{:?}, source: {:?}, steps: &[{}], undo: &[{}] }}",
-        p.verb,
-        p.source,
-        steps_text(p.steps),
-        steps_text(p.undo)
-    )
-}
-
-fn steps_text(steps: &[Step]) -> String {
-    match steps {
-        [] => String::new(),
-        steps => {
-            steps.iter().map(|step| format!("\n        {},", step_expr(step))).collect::<String>()
-                + "\n    "
-        }
-    }
-}
-
-fn step_expr(step: &Step) -> String {
-    match *step {
-        Step::Write(to, what) => {
-            format!("Step::Write({}, {})", parameter_id(to), operand_expr(what))
-        }
-        Step::Ensure(to, raw) => format!("Step::Ensure({}, {raw})", parameter_id(to)),
-        Step::Read(from) => format!("Step::Read({})", parameter_id(from)),
-        Step::Copy { from, to } => {
-            format!("Step::Copy {{ from: {}, to: {} }}", parameter_id(from), parameter_id(to))
-        }
-        Step::Require { read, test: t, hint } => {
-            let (read, t) = (parameter_id(read), test_expr(t));
-            format!("Step::Require {{ read: {read}, test: {t}, hint: {hint:?} }}")
-        }
-        Step::Skip { read, test: t, count } => {
-            let (read, t) = (parameter_id(read), test_expr(t));
-            format!("Step::Skip {{ read: {read}, test: {t}, count: {count} }}")
-        }
-        Step::SkipIfMissing { read, count } => {
-            format!("Step::SkipIfMissing {{ read: {}, count: {count} }}", parameter_id(read))
-        }
-        Step::NoFault { read, mask: m } => {
-            format!("Step::NoFault {{ read: {}, mask: {} }}", parameter_id(read), mask_literal(m))
-        }
-        Step::Until { read, test: t, within_ms, required } => {
-            let (read, t) = (parameter_id(read), test_expr(t));
-            format!(
-                "Step::Until {{ read: {read}, test: {t}, within_ms: {within_ms}, required: {required} }}"
-            )
-        }
-        Step::Send { function, index, operand: what, like } => {
-            let (what, like) = (operand_expr(what), like.map(parameter_id));
-            let like = like.map_or("None".to_owned(), |it| format!("Some({it})"));
-            format!(
-                "Step::Send {{ function: {function:#x}, index: {index:#x}, operand: {what}, \
-                 like: {like} }}"
-            )
-        }
-        Step::Store(what) => format!("Step::Store({})", parameter_id(what)),
-        Step::Wait { ms } => format!("Step::Wait {{ ms: {ms} }}"),
-        Step::Standstill { within_ms } => {
-            format!("Step::Standstill {{ within_ms: {within_ms} }}")
-        }
-        Step::Homed { read, test: t, within_ms } => {
-            let (read, t) = (parameter_id(read), test_expr(t));
-            format!("Step::Homed {{ read: {read}, test: {t}, within_ms: {within_ms} }}")
-        }
-        Step::Arrival { flag, within_ms } => {
-            format!("Step::Arrival {{ flag: {}, within_ms: {within_ms} }}", condition_expr(flag))
-        }
-    }
-}
-
 fn condition_expr(condition: Option<(ParameterId, ParameterTest)>) -> String {
     condition.map_or("None".to_owned(), |(id, test)| {
         format!("Some(({}, {}))", parameter_id(id), test_expr(test))
@@ -624,17 +554,6 @@ fn test_expr(t: ParameterTest) -> String {
         "ParameterTest {{ mask: {}, compare: Compare::{compare:?}, value: {value} }}",
         mask_literal(t.mask)
     )
-}
-
-fn operand_expr(operand: Operand) -> String {
-    match operand {
-        Operand::Constant(raw) => format!("Operand::Constant({raw})"),
-        Operand::Argument(what) => format!("Operand::Argument(Argument::{what:?})"),
-        Operand::OptionalArgument(what) => format!("Operand::OptionalArgument(Argument::{what:?})"),
-        Operand::OptionalRampTime { argument, speed } => format!(
-            "Operand::OptionalRampTime {{ argument: Argument::{argument:?}, speed: RampSpeed::{speed:?} }}"
-        ),
-    }
 }
 
 #[cfg(test)]

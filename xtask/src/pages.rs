@@ -149,6 +149,21 @@ fn step_text(profile: &Profile, step: Step) -> String {
         Step::Ensure(id, raw) => {
             format!("make sure that {} = {raw}", name_of_parameter(id, profile))
         }
+        Step::WriteTogether(writes) => {
+            let one = |(id, operand): &(ParameterId, Operand)| {
+                format!("{} = {}", name_of_parameter(*id, profile), operand_text(*operand))
+            };
+            let writes: Vec<String> = writes.iter().map(one).collect();
+            format!("write with one request: {}", writes.join(", "))
+        }
+        Step::WriteBits { id, mask, raw } => format!(
+            "write bits {mask:#x} of {} = {raw:#x}, the others as they are",
+            name_of_parameter(id, profile)
+        ),
+        Step::SkipBySign { argument, if_negative, count } => {
+            let sign = if if_negative { "is negative" } else { "is not negative" };
+            format!("leave out the next {count} if the {} {sign}", argument_word(argument))
+        }
         Step::Read(id) => format!("read {}", name_of_parameter(id, profile)),
         Step::Copy { from, to } => format!(
             "write {} = what {} is",
@@ -242,6 +257,7 @@ fn operand_text(operand: Operand) -> String {
     match operand {
         Operand::Constant(raw) => raw.to_string(),
         Operand::Argument(argument) => format!("the {}", argument_word(argument)),
+        Operand::Magnitude(argument) => format!("the magnitude of the {}", argument_word(argument)),
         Operand::OptionalArgument(argument) => format!("the {}, if given", argument_word(argument)),
         Operand::OptionalRampTime { argument, speed } => {
             let speed = match speed {

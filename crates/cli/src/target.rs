@@ -270,6 +270,16 @@ pub fn describe_step(axis: &LocalAxis, step: &Rehearsal) -> String {
                 parameter_name(to, axis)
             )
         }
+        RehearsalAction::WriteTogether(writes) => {
+            let names: Vec<&str> = writes.iter().map(|(id, _)| parameter_name(*id, axis)).collect();
+            format!("write {} with one request", names.join(", "))
+        }
+        RehearsalAction::WriteBits(id, mask, raw) => {
+            format!(
+                "read {}, write it with its bits {mask:#x} = {raw:#x}",
+                parameter_name(id, axis)
+            )
+        }
         RehearsalAction::Store(id) => format!("keep {} over power-off", parameter_name(id, axis)),
         RehearsalAction::Send => format!("send {}", explain_step(axis, step)),
         RehearsalAction::QueryProgram => "read whether its program runs".to_owned(),

@@ -173,6 +173,20 @@ pub trait RequestEncoder {
         class: RequestClass,
     ) -> Result<Self::Request, Unsupported>;
 
+    /// Returns the request that writes neighbouring parameters at once.
+    ///
+    /// # Errors
+    /// [`Unsupported`] when the protocol has none, or they are no neighbours. The caller has already checked access and
+    /// ranges.
+    fn write_together_request(
+        &self,
+        writes: &[(&Parameter, i64)],
+        class: RequestClass,
+    ) -> Result<Self::Request, Unsupported> {
+        let _ = (writes, class);
+        Err(Unsupported::Forbidden("this protocol writes one parameter with each request"))
+    }
+
     /// The request for a [`Send`](crate::plan::Step::Send) step.
     ///
     /// # Errors

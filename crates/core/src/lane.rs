@@ -14,6 +14,7 @@ mod job_table;
 mod measure;
 mod path;
 mod slot;
+mod step_check;
 #[cfg(test)]
 mod tests;
 mod watch;
@@ -468,7 +469,16 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
                     (RehearsalAction::Write(id, raw), write(id, raw)?)
                 }
             },
+            Step::WriteTogether(writes) => {
+                let class = RequestClass::NoRetry;
+                let request = slot.write_together_request(writes, command, class)?;
+                (RehearsalAction::WriteTogether(writes), request)
+            }
             Step::Ensure(id, raw) => (RehearsalAction::WriteIfDifferent(id, raw), write(id, raw)?),
+            Step::WriteBits { id, mask, raw } => {
+                (RehearsalAction::WriteBits(id, mask, raw), read(id)?)
+            }
+            Step::SkipBySign { .. } => return Ok(()),
             Step::Read(id)
             | Step::Require { read: id, .. }
             | Step::Skip { read: id, .. }
@@ -518,7 +528,18 @@ impl<M: Medium, H: Host<M>> Lane<M, H> {
         command: &Command,
         show: &mut dyn FnMut(RehearsalStep<'_>),
     ) -> Result<(), Unsupported> {
-        steps.iter().try_for_each(|step| self.rehearse_step(slot, *step, command, show))
+        let mut left_out = 0;
+        for step in steps {
+            if left_out > 0 {
+                left_out -= 1;
+                continue;
+            }
+            match *step {
+                Step::SkipBySign { count, .. } if step.skips(command) => left_out = count,
+                _ => self.rehearse_step(slot, *step, command, show)?,
+            }
+        }
+        Ok(())
     }
 
     fn show_request(

@@ -4,6 +4,7 @@
 //! its manual. Steps name parameters of the profile, or the protocol's function, index and value. So plans
 //! have the same form for every protocol, and can be written in TOML.
 
+use crate::axis::Command;
 use crate::parameter_id::ParameterId;
 use crate::units::Unit;
 use crate::verb::Verb;
@@ -59,11 +60,22 @@ fn is_wait_step(step: &Step) -> bool {
 pub enum Step {
     /// Writes a parameter.
     Write(ParameterId, Operand),
+    /// Writes neighbouring parameters with one request, in the order of their places.
+    WriteTogether(&'static [(ParameterId, Operand)]),
     /// Reads a parameter first and writes it only if it differs. For values in flash: the write,
     /// if any, is announced and counted.
     Ensure(ParameterId, i64),
     /// Reads a parameter, so that the axis' state has a fresh value.
     Read(ParameterId),
+    /// Reads a parameter and writes it with some of its bits changed.
+    WriteBits {
+        /// The parameter.
+        id: ParameterId,
+        /// The bits that change.
+        mask: i64,
+        /// Their new values.
+        raw: i64,
+    },
     /// Reads a parameter and writes its value to another: target := actual.
     Copy {
         /// Read from here.
@@ -86,6 +98,16 @@ pub enum Step {
         read: ParameterId,
         /// The test.
         test: ParameterTest,
+        /// Number of steps.
+        count: u8,
+    },
+    /// Leaves out the next steps if the command's argument is negative, or if it is not. For drives whose direction is
+    /// a bit of its own.
+    SkipBySign {
+        /// The argument; one that the command does not give is not negative.
+        argument: Argument,
+        /// True to leave them out where it is negative.
+        if_negative: bool,
         /// Number of steps.
         count: u8,
     },
@@ -179,11 +201,38 @@ impl Step {
         matches!(self, Self::Standstill { .. } | Self::Homed { .. } | Self::Arrival { .. })
     }
 
+    /// The values that it takes from constants and arguments, each with the parameter that gives the scale.
+    pub fn operands(&self) -> impl Iterator<Item = (Operand, Option<ParameterId>)> + '_ {
+        let (one, together): (_, &[_]) = match *self {
+            Self::Write(id, operand) => (Some((operand, Some(id))), &[]),
+            Self::Send { operand, like, .. } => (Some((operand, like)), &[]),
+            Self::WriteTogether(writes) => (None, writes),
+            _ => (None, &[]),
+        };
+        one.into_iter().chain(together.iter().map(|(id, operand)| (*operand, Some(*id))))
+    }
+
+    /// Returns whether the argument of a command leaves out the steps behind this one.
+    #[must_use]
+    pub fn skips(&self, command: &Command) -> bool {
+        let Self::SkipBySign { argument, if_negative, .. } = *self else { return false };
+        command.argument(argument).is_some_and(|value| value < 0.0) == if_negative
+    }
+
     /// Returns whether it may change something in the drive.
     #[must_use]
     pub const fn may_change_drive(&self) -> bool {
-        use Step::{Copy, Ensure, Send, Store, Write};
-        matches!(self, Write(..) | Ensure(..) | Copy { .. } | Send { .. } | Store(_))
+        use Step::{Copy, Ensure, Send, Store, Write, WriteBits, WriteTogether};
+        matches!(
+            self,
+            Write(..)
+                | WriteTogether(_)
+                | Ensure(..)
+                | WriteBits { .. }
+                | Copy { .. }
+                | Send { .. }
+                | Store(_)
+        )
     }
 }
 
@@ -235,6 +284,8 @@ pub enum Operand {
     Constant(i64),
     /// The command's argument, scaled; the plan cannot run without it.
     Argument(Argument),
+    /// The magnitude of the command's argument, scaled.
+    Magnitude(Argument),
     /// The command's argument, scaled; the step is left out when the caller gave none.
     OptionalArgument(Argument),
     /// The time in which the command's acceleration reaches the speed, for drives that take ramp times. The
@@ -250,12 +301,25 @@ pub enum Operand {
 }
 
 impl Operand {
+    /// Returns whether the step is left out where the command lacks the argument.
+    #[must_use]
+    pub const fn is_optional(self) -> bool {
+        matches!(self, Self::OptionalArgument(_) | Self::OptionalRampTime { .. })
+    }
+
+    /// Returns whether a command without that argument has no value for it.
+    #[must_use]
+    pub fn requires(self, which: Argument) -> bool {
+        matches!(self, Self::Argument(own) | Self::Magnitude(own) if own == which)
+    }
+
     /// The argument of the command that the value comes from.
     #[must_use]
     pub const fn argument(self) -> Option<Argument> {
         match self {
             Self::Constant(_) => None,
             Self::Argument(argument)
+            | Self::Magnitude(argument)
             | Self::OptionalArgument(argument)
             | Self::OptionalRampTime { argument, .. } => Some(argument),
         }

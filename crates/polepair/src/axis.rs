@@ -599,10 +599,9 @@ impl LocalAxis {
     /// Reads what the scales of a verb's arguments depend on, where it is not known yet.
     fn read_factors_of(&self, verb: Verb) -> Result<(), Error> {
         let steps = self.profile.plan(verb).map_or(&[][..], |plan| plan.steps);
-        let scaled = steps.iter().filter_map(|step| match step {
-            Step::Write(id, operand) => operand.argument().map(|_| *id),
-            Step::Send { like, .. } => *like,
-            _ => None,
+        let scaled = steps.iter().flat_map(Step::operands).filter_map(|(operand, like)| {
+            operand.argument()?;
+            like
         });
         let mut parameters = scaled.filter_map(|id| self.parameter(id));
         parameters.try_for_each(|p| self.read_unread_factors(p))

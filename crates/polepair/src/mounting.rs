@@ -222,17 +222,8 @@ fn find_operand(
     verb: Verb,
     which: Argument,
 ) -> Option<(Operand, Option<ParameterId>)> {
-    profile.plan(verb)?.steps.iter().find_map(|step| match *step {
-        Step::Write(id, operand) if takes_argument(operand, &which) => Some((operand, Some(id))),
-        Step::Send { operand, like, .. } if takes_argument(operand, &which) => {
-            Some((operand, like))
-        }
-        _ => None,
-    })
-}
-
-fn takes_argument(operand: Operand, which: &Argument) -> bool {
-    operand.argument() == Some(*which)
+    let mut operands = profile.plan(verb)?.steps.iter().flat_map(Step::operands);
+    operands.find(|(operand, _)| operand.argument() == Some(which))
 }
 
 /// Role of a parameter in the motion of its axis.

@@ -2,6 +2,7 @@
 
 use crate::explain::Effect;
 use crate::medium::Frame;
+use crate::plan::Operand;
 use crate::profile::ParameterId;
 use crate::station::LineChange;
 
@@ -42,6 +43,10 @@ pub enum RehearsalAction {
     WriteIfDifferent(ParameterId, i64),
     /// Writes a value that is read first; the bytes show the read.
     WriteReadValue(ParameterId, ParameterId),
+    /// Writes a value that is read first, with these bits changed to these; the bytes show the read.
+    WriteBits(ParameterId, i64, i64),
+    /// Writes these with one request, values from their operands.
+    WriteTogether(&'static [(ParameterId, Operand)]),
     /// Sends the protocol's own request.
     Send,
     /// Reads whether a program of the drive is running.

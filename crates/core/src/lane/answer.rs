@@ -194,7 +194,7 @@ fn skip_unread(now: Instant, run: &mut PlanRun, failure: Failure) -> JobState {
         return skip_step(run);
     }
     // A value that is copied or compared has to be known.
-    if matches!(step, Some(Step::Copy { .. } | Step::Ensure(..))) {
+    if matches!(step, Some(Step::Copy { .. } | Step::WriteBits { .. } | Step::Ensure(..))) {
         return fail_step(run, failure);
     }
     run.unconfirmed = true;

@@ -257,9 +257,10 @@ pub fn missing_factor<R: Request, A: Copy + 'static>(
     slot: &AxisSlot<R, A>,
 ) -> Option<ParameterId> {
     (0..=u8::MAX).map_while(|at| run.steps.step(at)).find_map(|step| match step {
-        Step::Write(id, _) | Step::Send { like: Some(id), .. } => {
+        Step::Write(..) | Step::WriteTogether(_) | Step::Send { .. } => {
             let unknown = !slot.check_step(&step, &run.command).unwrap_or(true);
-            unknown.then(|| slot.missing_factor(id)).flatten()
+            let mut ids = step.operands().filter(|_| unknown).filter_map(|(_, like)| like);
+            ids.find_map(|id| slot.missing_factor(id))
         }
         Step::Read(id) if super::setpoint_kind_of(run.command.verb).is_some() => {
             slot.missing_factor(id)
@@ -291,10 +292,26 @@ fn step_request<R: Request, A: Copy + 'static>(
                 }
             }
         }
+        (Step::WriteTogether(writes), _) => {
+            let class = if run.is_stop() { RequestClass::Stop } else { RequestClass::NoRetry };
+            let request = slot.write_together_request(writes, &run.command, class)?;
+            Ok(Some((request, InFlight::Send(class))))
+        }
         (Step::Ensure(id, raw), StepStage::Write(_)) => write(run, id, raw),
         (Step::Copy { to, .. }, StepStage::Write(raw)) => write(run, to, raw),
+        (Step::WriteBits { id, mask, raw }, StepStage::Write(read)) => {
+            write(run, id, read & !mask | raw)
+        }
+        (Step::SkipBySign { count, .. }, _) => {
+            run.advance(run.last_value);
+            if step.skips(&run.command) {
+                run.index = run.index.saturating_add(count);
+            }
+            Ok(None)
+        }
         (
             Step::Ensure(id, _)
+            | Step::WriteBits { id, .. }
             | Step::Copy { from: id, .. }
             | Step::Read(id)
             | Step::Require { read: id, .. }
@@ -558,7 +575,9 @@ pub fn complete_step(now: Instant, run: &mut PlanRun, raw: i64) -> JobState {
             run.note_ram_mode();
             run.advance(raw);
         }
-        (Step::Copy { .. }, StepStage::First) => run.stage = StepStage::Write(raw),
+        (Step::Copy { .. } | Step::WriteBits { .. }, StepStage::First) => {
+            run.stage = StepStage::Write(raw)
+        }
         (Step::Require { test, hint, .. }, _) if !test.passes(raw) => {
             return fail_step(run, Failure::NotReady { hint });
         }

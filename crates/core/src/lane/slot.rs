@@ -5,13 +5,13 @@ use alloc::vec::Vec;
 
 use super::event_queue::EventQueue;
 use super::path::PathStream;
-use super::watch::{MotionWatch, targets_position};
+use super::watch::MotionWatch;
 use crate::axis::{
     AxisStatus, Command, DriveReport, Driver, Emergency, GroupAnswer, Reading, Refusal, UnmetWait,
     Verb,
 };
 use crate::error::{Failure, Unsupported};
-use crate::plan::{Argument, Operand, Step};
+use crate::plan::{Operand, Step};
 use crate::profile::{Access, NoScale, Parameter, ParameterId, Profile, Signal, SignalSource};
 use crate::program::MemoryTransfer;
 use crate::program::ProgramCommand;
@@ -413,6 +413,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         match *step {
             Step::Write(id, Operand::Constant(_))
             | Step::Ensure(id, _)
+            | Step::WriteBits { id, .. }
             | Step::Read(id)
             | Step::Skip { read: id, .. }
             | Step::SkipIfMissing { read: id, .. }
@@ -535,6 +536,9 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         let si = match operand {
             Operand::Constant(raw) => return Ok(Some(raw)),
             Operand::Argument(which) => command.argument(which).ok_or(Unsupported::BadArgument)?,
+            Operand::Magnitude(which) => {
+                command.argument(which).ok_or(Unsupported::BadArgument)?.abs()
+            }
             Operand::OptionalArgument(which) => match command.argument(which) {
                 Some(si) => si,
                 None => return Ok(None),
@@ -578,52 +582,6 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         let ends = matches!(command.verb, Verb::Stop | Verb::QuickStop) && !command.keep_program;
         self.program_request(ProgramCommand::End).filter(|_| ends)
     }
-
-    /// Checks whether steps can be carried out, as far as known.
-    pub fn check_steps(&self, steps: &[Step], command: &Command) -> Result<(), Unsupported> {
-        if targets_position(command.verb) && command.velocity == Some(0.0) {
-            return Err(Unsupported::Forbidden(NO_SPEED));
-        }
-        steps.iter().try_for_each(|step| self.check_step(step, command).map(drop))
-    }
-
-    /// Checks whether a step can be carried out, as far as known. `Ok(false)` when a scale is still
-    /// missing.
-    pub fn check_step(&self, step: &Step, command: &Command) -> Result<bool, Unsupported> {
-        let (operand, like) = match *step {
-            Step::Write(id, operand) => (operand, Some(id)),
-            Step::Send { operand, like, .. } => (operand, like),
-            _ => return Ok(true),
-        };
-        if let (Some(which), Some(id)) = (operand.argument(), like) {
-            match command.argument(which) {
-                Some(si) if !si.is_finite() => return Err(Unsupported::BadArgument),
-                // Drives count from one: zero is none, and a fraction would be rounded to another path.
-                Some(si) if which == Argument::Path && (si < 1.0 || si % 1.0 != 0.0) => {
-                    let (value, max) = (si as i64, self.parameter(id).map_or(i64::MAX, |p| p.max));
-                    return Err(Unsupported::OutOfRange { parameter: id, value, min: 1, max });
-                }
-                // A speed or a limit that the caller named must not be dropped silently (PROFILE-2).
-                Some(_) if self.lacks_parameter(id) => {
-                    return Err(Unsupported::Forbidden(NO_OBJECT));
-                }
-                Some(_) if self.missing_factor(id).is_some() => return Ok(false),
-                _ => {}
-            }
-        }
-        let raw = self.operand_value(operand, command, like)?;
-        // Too slow for the drive's own numbers.
-        if raw == Some(0)
-            && operand.argument() == Some(Argument::Velocity)
-            && targets_position(command.verb)
-        {
-            return Err(Unsupported::Forbidden(NO_SPEED));
-        }
-        if let (Step::Write(id, _), Some(raw)) = (*step, raw) {
-            self.check_writable(id, raw)?;
-        }
-        Ok(true)
-    }
 }
 
 /// Processes a message that the drive at an address sent by itself: updates its axes and queues events.
@@ -666,10 +624,6 @@ pub fn record_group_answer<R: crate::station::Request, A: Copy + 'static>(
     }
 }
 
-const NO_OBJECT: &str = "the drive has no object for this: its maker left out what the standard does \
-                       not demand";
-const NO_SPEED: &str =
-    "a move at speed zero never arrives: give a greater speed, or none for the drive's own";
 const NO_RAMP: &str = "an acceleration or deceleration is more than zero: this drive is told the time \
                        of the ramp";
 const NO_SCALE: &str = "the drive's own setting on which this unit depends (counts of a turn, for \

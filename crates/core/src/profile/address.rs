@@ -75,7 +75,7 @@ pub fn encoding_word(encoding: Encoding) -> Option<&'static str> {
     ENCODING_WORDS.iter().find(|(_, known)| *known == encoding).map(|(word, _)| *word)
 }
 
-const ENCODING_WORDS: [(&str, Encoding); 14] = [
+const ENCODING_WORDS: [(&str, Encoding); 16] = [
     ("bit", Encoding::Bit),
     ("u8", Encoding::U8),
     ("i8", Encoding::I8),
@@ -83,6 +83,8 @@ const ENCODING_WORDS: [(&str, Encoding); 14] = [
     ("i16", Encoding::I16),
     ("u32", Encoding::U32),
     ("i32", Encoding::I32),
+    ("u48", Encoding::U48),
+    ("i48", Encoding::I48),
     ("u64", Encoding::U64),
     ("i64", Encoding::I64),
     ("f32", Encoding::F32),

@@ -2,7 +2,7 @@
 
 /// Encoding of a raw value on the wire.
 ///
-/// On Modbus a value of 32 bits takes two registers and one of 64 bits takes four, high word first;
+/// On Modbus a value of 32 bits takes two registers, one of 48 bits three and one of 64 bits four, high word first;
 /// the `LowFirst` encodings have the low word first.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Encoding {
@@ -20,6 +20,10 @@ pub enum Encoding {
     U32,
     /// Signed 32 bits.
     I32,
+    /// Unsigned 48 bits, three registers.
+    U48,
+    /// Signed 48 bits, three registers.
+    I48,
     /// Unsigned 64 bits. The raw value is the same 64 bits as a signed number.
     U64,
     /// Signed 64 bits.
@@ -32,6 +36,10 @@ pub enum Encoding {
     U32LowFirst,
     /// [`I32`](Self::I32), low word first.
     I32LowFirst,
+    /// [`U48`](Self::U48), low word first.
+    U48LowFirst,
+    /// [`I48`](Self::I48), low word first.
+    I48LowFirst,
     /// [`U64`](Self::U64), low word first.
     U64LowFirst,
     /// [`I64`](Self::I64), low word first.
@@ -61,8 +69,10 @@ impl Encoding {
             Self::I8
                 | Self::I16
                 | Self::I32
+                | Self::I48
                 | Self::I64
                 | Self::I32LowFirst
+                | Self::I48LowFirst
                 | Self::I64LowFirst
                 | Self::Fixed
                 | Self::TensAndThousandths
@@ -98,6 +108,8 @@ impl Encoding {
             self,
             Self::U32LowFirst
                 | Self::I32LowFirst
+                | Self::U48LowFirst
+                | Self::I48LowFirst
                 | Self::U64LowFirst
                 | Self::I64LowFirst
                 | Self::F32LowFirst
@@ -119,6 +131,7 @@ impl Encoding {
             | Self::F32LowFirst
             | Self::Fixed
             | Self::TensAndThousandths => 4,
+            Self::U48 | Self::I48 | Self::U48LowFirst | Self::I48LowFirst => 6,
             Self::U64
             | Self::I64
             | Self::F64

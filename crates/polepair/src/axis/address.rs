@@ -232,6 +232,8 @@ fn type_suffix(encoding: Encoding) -> String {
     let (base, order) = match encoding {
         Encoding::U32LowFirst => (Encoding::U32, ":le"),
         Encoding::I32LowFirst => (Encoding::I32, ":le"),
+        Encoding::U48LowFirst => (Encoding::U48, ":le"),
+        Encoding::I48LowFirst => (Encoding::I48, ":le"),
         Encoding::U64LowFirst => (Encoding::U64, ":le"),
         Encoding::I64LowFirst => (Encoding::I64, ":le"),
         Encoding::F32LowFirst => (Encoding::F32, ":le"),

@@ -183,7 +183,10 @@ impl LocalAxis {
                 (operand.argument() == Some(which)).then_some(id)
             }
             (
-                Step::Write(id, Operand::Constant(_) | Operand::Argument(_))
+                Step::Write(
+                    id,
+                    Operand::Constant(_) | Operand::Argument(_) | Operand::Magnitude(_),
+                )
                 | Step::Require { read: id, .. }
                 | Step::Until { read: id, .. }
                 | Step::Homed { read: id, .. },

@@ -225,7 +225,9 @@ impl LocalAxis {
             Some(Step::Write(id, Operand::Constant(raw)) | Step::Ensure(id, raw)) => {
                 self.setting_text(*id, Some(*raw))
             }
-            Some(Step::Write(id, _) | Step::Copy { to: id, .. }) => self.setting_text(*id, None),
+            Some(Step::Write(id, _) | Step::WriteBits { id, .. } | Step::Copy { to: id, .. }) => {
+                self.setting_text(*id, None)
+            }
             Some(Step::Send { like: Some(id), .. }) => self.setting_text(*id, None),
             Some(Step::Store(id)) => format!("keeping {}", self.setting_text(*id, None)),
             _ => format!("step {}", n + 1),

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! if TEST … end           these steps, if the test passes
+//! if velocity < 0 … end   these steps, if the command's argument is negative; also `>= 0`
 //! unless TEST … end       these steps, if it does not
 //! with NAME … end         these steps, if the drive has the parameter
 //! use FRAGMENT            the steps of `[fragments]` with that name
@@ -117,8 +118,9 @@ impl BlockReader<'_> {
         let length = length.ok_or_else(|| {
             step.location.error("a block has 1 to 63 steps, because a plan has 64 at most")
         })?;
-        if let DraftStep::Skip { count, .. } | DraftStep::Without { count, .. } =
-            &mut self.steps[at]
+        if let DraftStep::Skip { count, .. }
+        | DraftStep::Without { count, .. }
+        | DraftStep::SkipBySign { count, .. } = &mut self.steps[at]
         {
             *count = length;
         }

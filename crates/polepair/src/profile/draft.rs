@@ -6,10 +6,10 @@
 use super::{bits, digits};
 use crate::toml_file::{FileLocation, Located};
 use polepair_core::axis::Verb;
-use polepair_core::plan::ParameterTest;
+use polepair_core::plan::{Argument, Operand, ParameterTest};
 use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Identity, IdentityQuery, Persistence, Profile,
-    RelativeBase, Scale, ScaleRule, Severity, Signal, Watchdog,
+    Access, AxisKind, Certainty, Encoding, Identity, IdentityQuery, ParameterId, Persistence,
+    Profile, RelativeBase, Scale, ScaleRule, Severity, Signal, Watchdog,
 };
 use polepair_core::units::Unit;
 
@@ -195,6 +195,18 @@ pub(crate) struct DraftPlan {
 pub(crate) enum DraftStep {
     Write(ParameterName, polepair_core::plan::Operand, FileLocation),
     Ensure(ParameterName, i64, FileLocation),
+    /// Each with its value and the place of that.
+    WriteTogether(Vec<(ParameterName, Operand, FileLocation)>),
+    WriteBits {
+        name: ParameterName,
+        mask: i64,
+        raw: i64,
+    },
+    SkipBySign {
+        argument: Argument,
+        if_negative: bool,
+        count: u8,
+    },
     Read(ParameterName),
     Copy {
         from: ParameterName,
@@ -400,6 +412,18 @@ impl NameLookup<'_> {
             }
             Step::Ensure(id, raw) => {
                 DraftStep::Ensure(self.name_of(id), raw, self.location.clone())
+            }
+            Step::WriteTogether(writes) => {
+                let one = |&(id, operand): &(ParameterId, Operand)| {
+                    (self.name_of(id), operand, self.location.clone())
+                };
+                DraftStep::WriteTogether(writes.iter().map(one).collect())
+            }
+            Step::WriteBits { id, mask, raw } => {
+                DraftStep::WriteBits { name: self.name_of(id), mask, raw }
+            }
+            Step::SkipBySign { argument, if_negative, count } => {
+                DraftStep::SkipBySign { argument, if_negative, count }
             }
             Step::Read(id) => DraftStep::Read(self.name_of(id)),
             Step::Copy { from, to } => {

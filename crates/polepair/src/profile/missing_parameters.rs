@@ -193,6 +193,7 @@ impl AvailableParameters {
             ) => true,
             DraftStep::Write(_, Operand::Constant(_), _)
             | DraftStep::Ensure(..)
+            | DraftStep::WriteBits { .. }
             | DraftStep::Copy { .. }
             | DraftStep::Skip { .. } => optional,
             DraftStep::Without { .. } => true,
@@ -216,7 +217,9 @@ fn is_sending(step: &DraftStep) -> bool {
     matches!(
         step,
         DraftStep::Write(..)
+            | DraftStep::WriteTogether(_)
             | DraftStep::Ensure(..)
+            | DraftStep::WriteBits { .. }
             | DraftStep::Copy { .. }
             | DraftStep::Send { .. }
     )
@@ -226,7 +229,10 @@ fn is_sending(step: &DraftStep) -> bool {
 fn step_parameters(step: &DraftStep) -> Vec<(&ParameterName, ParameterUse)> {
     match step {
         DraftStep::Write(name, ..) | DraftStep::Keep(name) => vec![(name, ParameterUse::Write)],
-        DraftStep::Ensure(name, ..) => {
+        DraftStep::WriteTogether(writes) => {
+            writes.iter().map(|(name, ..)| (name, ParameterUse::Write)).collect()
+        }
+        DraftStep::Ensure(name, ..) | DraftStep::WriteBits { name, .. } => {
             vec![(name, ParameterUse::Read), (name, ParameterUse::Write)]
         }
         DraftStep::Copy { from, to } => vec![(from, ParameterUse::Read), (to, ParameterUse::Write)],
@@ -243,16 +249,20 @@ fn step_parameters(step: &DraftStep) -> Vec<(&ParameterName, ParameterUse)> {
         DraftStep::Send { like, .. } => {
             like.iter().map(|name| (name, ParameterUse::Scale)).collect()
         }
-        DraftStep::Wait { .. } | DraftStep::Standstill { .. } => Vec::new(),
+        DraftStep::Wait { .. } | DraftStep::Standstill { .. } | DraftStep::SkipBySign { .. } => {
+            Vec::new()
+        }
     }
 }
 
 /// [`step_parameters`] with mutable names.
 pub(super) fn step_parameters_mut(step: &mut DraftStep) -> Vec<&mut ParameterName> {
     match step {
-        DraftStep::Write(name, ..) | DraftStep::Keep(name) | DraftStep::Ensure(name, ..) => {
-            vec![name]
-        }
+        DraftStep::Write(name, ..)
+        | DraftStep::Keep(name)
+        | DraftStep::Ensure(name, ..)
+        | DraftStep::WriteBits { name, .. } => vec![name],
+        DraftStep::WriteTogether(writes) => writes.iter_mut().map(|(name, ..)| name).collect(),
         DraftStep::Copy { from, to } => vec![from, to],
         DraftStep::Read(read)
         | DraftStep::Require { read, .. }
@@ -263,6 +273,8 @@ pub(super) fn step_parameters_mut(step: &mut DraftStep) -> Vec<&mut ParameterNam
         | DraftStep::Homed { read, .. } => vec![read],
         DraftStep::Arrival { flag, .. } => flag.iter_mut().map(|(read, _)| read).collect(),
         DraftStep::Send { like, .. } => like.iter_mut().collect(),
-        DraftStep::Wait { .. } | DraftStep::Standstill { .. } => Vec::new(),
+        DraftStep::Wait { .. } | DraftStep::Standstill { .. } | DraftStep::SkipBySign { .. } => {
+            Vec::new()
+        }
     }
 }

@@ -120,7 +120,7 @@ pub(crate) const MEMORY_PROTOCOL: &str = "tml";
 const AXES: [(&str, AxisKind); 3] =
     [("rotary", AxisKind::Rotary), ("linear", AxisKind::Linear), ("ratio", AxisKind::Ratio)];
 
-const ENCODINGS: [(&str, Encoding); 21] = [
+const ENCODINGS: [(&str, Encoding); 25] = [
     ("bit", Encoding::Bit),
     ("u8", Encoding::U8),
     ("i8", Encoding::I8),
@@ -128,12 +128,16 @@ const ENCODINGS: [(&str, Encoding); 21] = [
     ("i16", Encoding::I16),
     ("u32", Encoding::U32),
     ("i32", Encoding::I32),
+    ("u48", Encoding::U48),
+    ("i48", Encoding::I48),
     ("u64", Encoding::U64),
     ("i64", Encoding::I64),
     ("f32", Encoding::F32),
     ("f64", Encoding::F64),
     ("u32-low-first", Encoding::U32LowFirst),
     ("i32-low-first", Encoding::I32LowFirst),
+    ("u48-low-first", Encoding::U48LowFirst),
+    ("i48-low-first", Encoding::I48LowFirst),
     ("u64-low-first", Encoding::U64LowFirst),
     ("i64-low-first", Encoding::I64LowFirst),
     ("f32-low-first", Encoding::F32LowFirst),

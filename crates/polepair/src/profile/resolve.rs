@@ -11,7 +11,7 @@ use super::{bits, digits};
 use crate::spelling::{fold, suggestion};
 use crate::toml_file::{FileError, FileLocation};
 use polepair_core::axis::Verb;
-use polepair_core::plan::{Compare, Operand, ParameterTest, Plan, STEPS_MAX, Step};
+use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, STEPS_MAX, Step};
 use polepair_core::profile::{
     Access, CouplingParameters, Encoding, Fault, Identity, IdentityQuery, MotionRules, Parameter,
     ParameterId, Profile, RamMode, Scale, Signal, SignalSource, Watchdog,
@@ -148,10 +148,13 @@ impl<'a> NameResolver<'a> {
         let mut wires = HashMap::new();
         for (at, p) in draft.parameters.iter().enumerate() {
             let id = u16::try_from(at).map_err(|_| p.location.error("too many parameters"))?;
-            // One register under two names would have two limits. Memory is excepted: bits and words overlap
-            // there.
-            let other = wires.insert((p.space, p.index), &p.name);
-            if let Some(other) = other.filter(|_| draft.protocol != MEMORY_PROTOCOL) {
+            // One register under two names would have two limits. Memory is excepted: bits and words overlap there. So
+            // are words of requests, whose meaning depends on where the request begins.
+            let other = wires.insert((p.space, p.index), p);
+            let are_words = |other: &DraftParameter| [p.access, other.access] == [Access::Write; 2];
+            let other =
+                other.filter(|other| draft.protocol != MEMORY_PROTOCOL && !are_words(other));
+            if let Some(DraftParameter { name: other, .. }) = other {
                 let reason = format!("`{}` has the space and index of `{other}`", p.name);
                 return Err(p.location.error(reason));
             }
@@ -320,12 +323,18 @@ impl<'a> NameResolver<'a> {
             return Err(plan.location.error(reason));
         }
         for step in plan.steps.iter().chain(&plan.undo) {
-            let (DraftStep::Write(_, operand, _) | DraftStep::Send { operand, .. }) = step else {
-                continue;
+            let arguments: Vec<Argument> = match step {
+                DraftStep::Write(_, operand, _) | DraftStep::Send { operand, .. } => {
+                    operand.argument().into_iter().collect()
+                }
+                DraftStep::WriteTogether(writes) => {
+                    writes.iter().filter_map(|(_, operand, _)| operand.argument()).collect()
+                }
+                DraftStep::SkipBySign { argument, .. } => vec![*argument],
+                _ => Vec::new(),
             };
-            if let Some(argument) = operand.argument()
-                && !plan.verb.accepts(argument)
-            {
+            let foreign = arguments.into_iter().find(|argument| !plan.verb.accepts(*argument));
+            if let Some(argument) = foreign {
                 let (verb, word) = (plan.verb.name(), step::argument_word(argument));
                 return Err(plan.location.error(format!("`{verb}` is never given a `{{{word}}}`")));
             }
@@ -357,10 +366,28 @@ impl<'a> NameResolver<'a> {
                 }
                 Step::Write(id, *operand)
             }
+            DraftStep::WriteTogether(writes) => {
+                let one = |(name, operand, location): &(ParameterName, Operand, FileLocation)| {
+                    let id = self.resolve_use(name, &[RequiredAccess::Write])?;
+                    if let Operand::Constant(raw) = operand {
+                        self.check_range(id, *raw, location)?;
+                    }
+                    Ok((id, *operand))
+                };
+                let resolved = writes.iter().map(one).collect::<Result<Vec<_>, FileError>>()?;
+                self.check_neighbours(writes, &resolved)?;
+                Step::WriteTogether(resolved.leak())
+            }
             DraftStep::Ensure(name, raw, location) => {
                 let id = self.resolve_use(name, &both)?;
                 self.check_range(id, *raw, location)?;
                 Step::Ensure(id, *raw)
+            }
+            DraftStep::WriteBits { name, mask, raw } => {
+                Step::WriteBits { id: self.resolve_use(name, &both)?, mask: *mask, raw: *raw }
+            }
+            DraftStep::SkipBySign { argument, if_negative, count } => {
+                Step::SkipBySign { argument: *argument, if_negative: *if_negative, count: *count }
             }
             DraftStep::Read(name) => Step::Read(self.resolve_use(name, &[RequiredAccess::Read])?),
             DraftStep::Copy { from, to } => {
@@ -402,6 +429,28 @@ impl<'a> NameResolver<'a> {
                 Step::Arrival { flag: self.condition(flag)?, within_ms: *within_ms }
             }
         })
+    }
+
+    /// Refuses to write registers with one request that do not follow each other.
+    fn check_neighbours(
+        &self,
+        writes: &[(ParameterName, Operand, FileLocation)],
+        resolved: &[(ParameterId, Operand)],
+    ) -> Result<(), FileError> {
+        let mut next = None;
+        for ((name, ..), (id, _)) in writes.iter().zip(resolved) {
+            let p = self.draft_parameter(*id);
+            let is_next = next.is_none_or(|next| u32::from(p.index) == next);
+            if self.draft.protocol != "modbus" || p.space != 0 || !is_next {
+                let reason = format!(
+                    "`{}` is not the next holding register: only neighbours are written together",
+                    p.name
+                );
+                return Err(name.location.error(reason));
+            }
+            next = Some(u32::from(p.index) + u32::from(p.encoding.size()).div_ceil(2));
+        }
+        Ok(())
     }
 
     fn condition(

@@ -2,6 +2,8 @@
 //!
 //! ```text
 //! write NAME = VALUE            ensure NAME = 1              read NAME        copy NAME -> NAME
+//! write together NAME = VALUE, NAME = VALUE    (neighbours, by one request)
+//! write NAME & 0x10 = 0x10      (these bits; the others stay as they are)
 //! require NAME & 0x10 == 0 else HINT      (also == != and `within N` for magnitudes)
 //! require NAME in 1 14 else HINT          (one of these, 0 to 62)
 //! require NAME > 9999 else HINT
@@ -16,8 +18,8 @@
 //! ```
 //!
 //! VALUE is a number, `{target}`, `{velocity}`, `{acceleration}`, `{deceleration}`, `{torque}`,
-//! `{jerk-time}`, `{period}`. With a question mark, `{velocity?}`, the step is skipped if the caller gives no
-//! value. For a drive whose ramps are set as times: `{acceleration? as time to 3000 rpm}`, or
+//! `{jerk-time}`, `{period}`; `{|velocity|}` is a magnitude. With a question mark, `{velocity?}`, the step is skipped
+//! if the caller gives no value. For a drive whose ramps are set as times: `{acceleration? as time to 3000 rpm}`, or
 //! `{acceleration? as time to velocity or 300 rpm}` for a ramp to the speed of the command.
 
 use super::draft::{DraftStep, ParameterName};
@@ -73,9 +75,15 @@ pub(crate) fn parse(step: &Located<String>) -> Result<DraftStep, FileError> {
     let whole = StepText { text: &step.value, location: step.location.shifted(1) }.trimmed();
     let (verb, rest) = whole.split_at_mark(" ").unwrap_or((whole.clone(), whole.end()));
     match verb.text {
-        "write" => parse_assignment(&rest).and_then(|(name, value)| {
-            Ok(DraftStep::Write(name, value.operand()?, value.location.clone()))
-        }),
+        "write" if rest.text.starts_with("together ") => {
+            parse_joint_write(&rest.split("together ".len(), 0).1)
+        }
+        "write" => match rest.split_at_mark(" & ") {
+            Some((name, bits)) => parse_bits_write(&name, &bits),
+            None => parse_assignment(&rest).and_then(|(name, value)| {
+                Ok(DraftStep::Write(name, value.operand()?, value.location.clone()))
+            }),
+        },
         "ensure" => parse_assignment(&rest)
             .and_then(|(name, value)| Ok(DraftStep::Ensure(name, value.number()?, value.location))),
         "read" => Ok(DraftStep::Read(rest.parameter_name()?)),
@@ -139,6 +147,11 @@ pub(crate) fn parse_block_start(step: &Located<String>) -> Result<DraftStep, Fil
     let (verb, rest) = whole.split_at_mark(" ").unwrap_or((whole.clone(), whole.end()));
     if verb.text == "with" {
         return Ok(DraftStep::Without { read: rest.parameter_name()?, count: 0 });
+    }
+    if let Some((argument, is_negative)) = parse_sign(&rest)? {
+        // The steps are skipped when the opposite holds.
+        let if_negative = is_negative != (verb.text == "if");
+        return Ok(DraftStep::SkipBySign { argument, if_negative, count: 0 });
     }
     let (read, mut test) = parse_condition(&rest)?;
     if verb.text == "if" {
@@ -256,6 +269,9 @@ impl<'a> StepText<'a> {
             }
             return Ok(Operand::OptionalRampTime { argument, speed: self.ramp_speed(speed)? });
         }
+        if let Some(word) = inner.strip_prefix('|').and_then(|inner| inner.strip_suffix('|')) {
+            return self.find_argument(word).map(Operand::Magnitude);
+        }
         match inner.strip_suffix('?') {
             Some(word) => self.find_argument(word).map(Operand::OptionalArgument),
             None => self.find_argument(inner).map(Operand::Argument),
@@ -303,6 +319,49 @@ impl<'a> StepText<'a> {
 fn parse_assignment<'a>(rest: &StepText<'a>) -> Result<(ParameterName, StepText<'a>), FileError> {
     let (name, value) = rest.require_split(" = ", "`NAME = VALUE`")?;
     Ok((name.parameter_name()?, value))
+}
+
+/// `NAME = VALUE, NAME = VALUE, …`: neighbours that one request writes.
+fn parse_joint_write(list: &StepText<'_>) -> Result<DraftStep, FileError> {
+    let (mut writes, mut rest) = (Vec::new(), Some(list.clone()));
+    while let Some(list) = rest.take() {
+        let (one, others) = match list.split_at_mark(", ") {
+            Some((one, others)) => (one, Some(others)),
+            None => (list, None),
+        };
+        let (name, value) = parse_assignment(&one)?;
+        let operand = value.operand()?;
+        if operand.is_optional() {
+            return Err(value.error("what is written together has a value in each command"));
+        }
+        writes.push((name, operand, value.location.clone()));
+        rest = others;
+    }
+    if writes.len() < 2 {
+        return Err(list.error("expected `write together NAME = VALUE, NAME = VALUE`"));
+    }
+    Ok(DraftStep::WriteTogether(writes))
+}
+
+/// `MASK = VALUE` of a parameter: bits that are written, while the others stay.
+fn parse_bits_write(name: &StepText<'_>, bits: &StepText<'_>) -> Result<DraftStep, FileError> {
+    let (mask, value) = bits.require_split(" = ", "`NAME & MASK = VALUE`")?;
+    let (bits, raw) = (mask.number()?, value.number()?);
+    if bits == 0 || raw & !bits != 0 {
+        return Err(value.error(format!("{raw:#x} has bits that are not in the mask {bits:#x}")));
+    }
+    Ok(DraftStep::WriteBits { name: name.parameter_name()?, mask: bits, raw })
+}
+
+/// `ARGUMENT < 0` or `ARGUMENT >= 0`, with or without braces: the argument, and whether the steps are for a negative
+/// one. `None` for a test of a parameter.
+fn parse_sign(piece: &StepText<'_>) -> Result<Option<(Argument, bool)>, FileError> {
+    let found = [(" < 0", true), (" >= 0", false)]
+        .into_iter()
+        .find_map(|(sign, is_negative)| Some((piece.text.strip_suffix(sign)?, is_negative)));
+    let Some((word, is_negative)) = found else { return Ok(None) };
+    let plain = word.strip_prefix('{').and_then(|word| word.strip_suffix('}')).unwrap_or(word);
+    piece.find_argument(plain).map(|argument| Some((argument, is_negative)))
 }
 
 /// `NAME` or `NAME & MASK`.

@@ -542,3 +542,93 @@ steps = ["write torque = {torque}"]
     assert!(none.plan(Verb::Stop).is_none(), "it is not optional: {:?}", none.plan(Verb::Stop));
     assert!(none.plan(Verb::Torque).is_none(), "no motion without a stop");
 }
+
+/// A drive whose direction is a bit, whose motions are words of one request, and that counts in 48 bits.
+const WORDS: &str = r#"
+name = "words"
+protocol = "modbus"
+
+[[parameter]]
+name = "command"
+index = 0x10
+
+[[parameter]]
+name = "ramp"
+index = 0x20
+access = "w"
+
+[[parameter]]
+name = "speed"
+index = 0x21
+access = "w"
+unit = "rpm"
+
+[[parameter]]
+name = "way"
+index = 0x20
+encoding = "i48"
+access = "w"
+
+[[parameter]]
+name = "status"
+index = 0x30
+access = "r"
+
+[plans.velocity]
+steps = [
+  "if velocity < 0",
+    "write command & 0x30 = 0x20",
+  "end",
+  "if velocity >= 0",
+    "write command & 0x30 = 0x10",
+  "end",
+  "write together ramp = 100, speed = {|velocity|}",
+]
+
+[plans.stop]
+steps = ["write command & 3 = 1", "standstill within 10 s"]
+"#;
+
+#[test]
+fn signs_bits_and_joint_writes_are_steps() {
+    let profile = parse("words.toml", WORDS).unwrap();
+    let sign =
+        |if_negative| Step::SkipBySign { argument: Argument::Velocity, if_negative, count: 1 };
+    let bits = |raw| Step::WriteBits { id: ParameterId(0), mask: 0x30, raw };
+    static JOINT: [(ParameterId, Operand); 2] = [
+        (ParameterId(1), Operand::Constant(100)),
+        (ParameterId(2), Operand::Magnitude(Argument::Velocity)),
+    ];
+    assert_eq!(
+        profile.plan(Verb::Velocity).unwrap().steps,
+        [sign(false), bits(0x20), sign(true), bits(0x10), Step::WriteTogether(&JOINT),]
+    );
+    assert_eq!(profile.parameters[3].encoding, Encoding::I48);
+    assert_eq!(profile.parameters[3].min, -(1 << 47));
+}
+
+#[test]
+fn impossible_signs_bits_and_joint_writes_are_refused_with_the_place() {
+    for (from, to, reason) in [
+        ("velocity < 0", "velocty < 0", "words.toml:33:7: no command carries `velocty`"),
+        ("velocity < 0", "target < 0", "`velocity` is never given a `{target}`"),
+        ("& 0x30 = 0x20", "& 0x10 = 0x20", "0x20 has bits that are not in the mask 0x10"),
+        ("& 0x30 = 0x20", "& 0 = 0", "0x0 has bits that are not in the mask 0x0"),
+        (", speed = {|velocity|}", "", "expected `write together NAME = VALUE, NAME = VALUE`"),
+        ("{|velocity|}", "{velocity?}", "what is written together has a value in each command"),
+        ("ramp = 100, speed", "ramp = 100, way", "`way` is not the next holding register"),
+        ("index = 0x21", "index = 0x22", "`speed` is not the next holding register"),
+        ("index = 0x21", "index = 0x21\nspace = \"coil\"", "`speed` is not the next holding"),
+        (
+            "access = \"r\"\n",
+            "access = \"r\"\n[[parameter]]\nname = \"twin\"\nindex = 0x30\n",
+            "has the space and index of",
+        ),
+        ("ramp = 100", "ramp = 70000", "70000 is not within 0 to 65535 of `ramp`"),
+    ] {
+        let text = WORDS.replacen(from, to, 1);
+        assert_ne!(text, WORDS, "{from}");
+        let error = parse("words.toml", &text).unwrap_err().to_string();
+        assert!(error.contains(reason), "{from} -> {to}: {error}");
+    }
+}

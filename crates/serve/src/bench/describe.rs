@@ -2,7 +2,7 @@
 
 use polepair::LocalAxis;
 use polepair_core::axis::Verb;
-use polepair_core::plan::{Argument, Operand, Step};
+use polepair_core::plan::{Argument, Step};
 use polepair_core::profile::{
     Access, AxisKind, Parameter, ParameterId, Persistence, Signal, SignalSource, Watchdog,
 };
@@ -112,15 +112,9 @@ fn argument(axis: &LocalAxis, verb: Verb, argument: (Argument, &str)) -> Option<
     }
     let unit = axis.unit_of(verb, which)?.si_symbol().to_owned();
     let steps = axis.profile().plan(verb)?.steps;
-    let required = steps.iter().any(|step| match step {
-        Step::Write(_, operand) | Step::Send { operand, .. } => needs_argument(operand, &which),
-        _ => false,
-    });
+    let mut operands = steps.iter().flat_map(Step::operands);
+    let required = operands.any(|(operand, _)| operand.requires(which));
     Some(ArgumentInfo { name: name.to_owned(), unit, required })
-}
-
-fn needs_argument(operand: &Operand, which: &Argument) -> bool {
-    *operand == Operand::Argument(*which)
 }
 
 fn limit_info(axis: &LocalAxis, limit: (Verb, Argument, &str)) -> Option<LimitInfo> {

@@ -87,7 +87,11 @@ fn is_planned(profile: &Profile, id: ParameterId) -> bool {
     let steps = profile.plans.iter().flat_map(|plan| plan.steps.iter().chain(plan.undo));
     profile.ram.is_some_and(|ram| ram.parameter == id)
         || steps.into_iter().any(|step| match *step {
-            Step::Write(to, _) | Step::Ensure(to, _) | Step::Copy { to, .. } => to == id,
+            Step::Write(to, _)
+            | Step::Ensure(to, _)
+            | Step::WriteBits { id: to, .. }
+            | Step::Copy { to, .. } => to == id,
+            Step::WriteTogether(writes) => writes.iter().any(|(to, _)| *to == id),
             _ => false,
         })
 }

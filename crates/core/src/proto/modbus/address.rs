@@ -74,13 +74,18 @@ const fn text_error(expected: &'static str, at: usize) -> TextError {
 
 const fn is_register_type(encoding: Encoding) -> bool {
     use Encoding as E;
-    matches!(encoding, E::U16 | E::I16 | E::U32 | E::I32 | E::U64 | E::I64 | E::F32 | E::F64)
+    matches!(
+        encoding,
+        E::U16 | E::I16 | E::U32 | E::I32 | E::U48 | E::I48 | E::U64 | E::I64 | E::F32 | E::F64
+    )
 }
 
 const fn low_word_first(encoding: Encoding) -> Option<Encoding> {
     Some(match encoding {
         Encoding::U32 => Encoding::U32LowFirst,
         Encoding::I32 => Encoding::I32LowFirst,
+        Encoding::U48 => Encoding::U48LowFirst,
+        Encoding::I48 => Encoding::I48LowFirst,
         Encoding::U64 => Encoding::U64LowFirst,
         Encoding::I64 => Encoding::I64LowFirst,
         Encoding::F32 => Encoding::F32LowFirst,

@@ -107,6 +107,30 @@ impl RequestEncoder for ModbusDriver {
         }
     }
 
+    fn write_together_request(
+        &self,
+        writes: &[(&Parameter, i64)],
+        class: RequestClass,
+    ) -> Result<HostRequest, Unsupported> {
+        const NEIGHBOURS: Unsupported = Unsupported::Forbidden(
+            "only holding registers one behind the other are written together",
+        );
+        let (mut words, mut count) = ([0; WORDS_MAX], 0);
+        let first = writes.first().map_or(0, |(parameter, _)| usize::from(parameter.index));
+        for (parameter, raw) in writes {
+            let len = usize::from(register_count(parameter.encoding));
+            let is_next = usize::from(parameter.index) == first + count
+                && Space::of_number(parameter.space) == Some(Space::Holding);
+            let place = words.get_mut(count..count + len).filter(|_| is_next && len > 0);
+            let place = place.ok_or(NEIGHBOURS)?;
+            let encoded = encode(parameter.encoding, *raw).ok_or(Unsupported::BadArgument)?;
+            place.copy_from_slice(&encoded[..len]);
+            count += len;
+        }
+        let body = RequestBody::WriteRegisters { start: first as u16, count: count as u8, words };
+        self.new_request(body, class)
+    }
+
     fn function_request(
         &self,
         function: u8,

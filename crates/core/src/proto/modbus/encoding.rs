@@ -21,6 +21,8 @@ pub const fn decode(encoding: Encoding, words: [u16; REGISTERS_MAX]) -> i64 {
         (0 | 1, _) => first as u64,
         (2, false) => join([0, 0, first, second]),
         (2, true) => join([0, 0, second, first]),
+        (3, false) => join([0, first, second, third]),
+        (3, true) => join([0, third, second, first]),
         (_, false) => join(words),
         (_, true) => join([fourth, third, second, first]),
     };
@@ -53,6 +55,8 @@ pub fn encode(encoding: Encoding, raw: i64) -> Option<[u16; REGISTERS_MAX]> {
         }
         (2, false) => [w1, w0, 0, 0],
         (2, true) => [w0, w1, 0, 0],
+        (3, false) => [w2, w1, w0, 0],
+        (3, true) => [w0, w1, w2, 0],
         (_, false) => [w3, w2, w1, w0],
         (_, true) => [w0, w1, w2, w3],
     })

@@ -1,0 +1,157 @@
+"""Motors of other makers on Modbus RTU, as their public manuals describe them, behind a pseudo-terminal."""
+
+import os
+import pty
+import select
+import struct
+import threading
+import time
+import tty
+
+COUNTS = 16384
+
+
+def crc16(data):
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return struct.pack("<H", crc)
+
+
+def signed32(high, low):
+    return struct.unpack(">i", struct.pack(">HH", high, low))[0]
+
+
+class Motor:
+    """Position in turns and speed in rpm, to a target or on and on."""
+
+    def __init__(self):
+        self.position, self.speed, self.target, self.at = 0.0, 0.0, None, time.monotonic()
+
+    def advance(self):
+        now = time.monotonic()
+        step = self.speed / 60 * (now - self.at)
+        self.at = now
+        if self.target is not None and abs(self.target - self.position) <= abs(step):
+            self.position, self.speed, self.target = self.target, 0.0, None
+        else:
+            self.position += step
+
+    def run(self, rpm):
+        self.target, self.speed = None, rpm
+
+    def go(self, target, rpm):
+        self.target = target
+        self.speed = abs(rpm) if target > self.position else -abs(rpm)
+
+
+class Servo42d:
+    """MKS SERVO42D: readings are input registers, and motions are words of one request at F4h, F5h and F6h."""
+
+    def __init__(self):
+        self.motor, self.enabled = Motor(), 0
+
+    def read(self, function, start, count):
+        counts = round(self.motor.position * COUNTS) & 0xFFFF_FFFF_FFFF
+        readings = {
+            (0x31, 3): [counts >> 32, counts >> 16 & 0xFFFF, counts & 0xFFFF],
+            (0x32, 1): [round(self.motor.speed) & 0xFFFF],
+            (0x3A, 1): [self.enabled],
+            (0xF1, 1): [4 if self.motor.speed else 1],
+        }
+        return readings.get((start, count)) if function == 4 else None
+
+    def write(self, start, words):
+        if (start, len(words)) == (0xF3, 1):
+            self.enabled = words[0]
+        elif (start, words) == (0xF7, [1]):
+            self.motor.run(0)
+        elif (start, len(words)) == (0xF6, 2):
+            self.motor.run(-words[1] if words[0] & 0x100 else words[1])
+        elif start in (0xF4, 0xF5) and len(words) == 4:
+            way = signed32(*words[2:]) / COUNTS
+            self.motor.go(way + (self.motor.position if start == 0xF4 else 0), words[1])
+        else:
+            return False
+        return True
+
+
+class Az:
+    """Oriental Motor AZ: a write of the trigger at 66h starts what the registers from 5Ah on hold."""
+
+    def __init__(self):
+        self.motor = Motor()
+        self.words = {address: 0 for address in [*range(0x58, 0x68), 0x7D, 0x7F, 0x80, 0x81, *range(0xCC, 0xD0)]}
+        self.lock = 0
+
+    def read(self, function, start, count):
+        position, speed = round(self.motor.position * 1000), round(self.motor.speed)
+        self.words[0x7F] = 0x2000 if self.motor.speed else 0x4020
+        for address, value in [(0xCC, position), (0xCE, speed)]:
+            self.words[address], self.words[address + 1] = struct.unpack(">HH", struct.pack(">i", value))
+        wanted = [self.words.get(start + n) for n in range(count)]
+        return wanted if function == 3 and None not in wanted else None
+
+    def write(self, start, words):
+        if any(start + n not in self.words for n in range(len(words))):
+            return False
+        self.words.update((start + n, word) for n, word in enumerate(words))
+        number = lambda at: signed32(self.words[at], self.words[at + 1])
+        if self.words[0x7D] & 0x20:
+            self.motor.run(0)
+        elif start <= 0x67 < start + len(words) and number(0x66) == 1:
+            kind, rpm = number(0x5A), number(0x5E) * 0.06
+            way = number(0x5C) / 1000
+            if kind == 16:
+                self.motor.run(rpm)
+            else:
+                self.motor.go(way + (self.motor.position if kind == 2 else 0), rpm)
+        return True
+
+
+class Station(threading.Thread):
+    """A drive at address 1 of a pseudo-terminal."""
+
+    def __init__(self, drive):
+        super().__init__(daemon=True)
+        self.drive, self.requests, self.is_open = drive, [], True
+        self.end, self.other_end = pty.openpty()
+        tty.setraw(self.end)
+        tty.setraw(self.other_end)
+        self.path = os.ttyname(self.other_end)
+        self.start()
+
+    def run(self):
+        frame = b""
+        while self.is_open:
+            if select.select([self.end], [], [], 0.003)[0]:
+                frame += os.read(self.end, 300)
+            elif frame:
+                self.answer(frame)
+                frame = b""
+
+    def answer(self, frame):
+        if frame[0] != 1 or crc16(frame[:-2]) != frame[-2:]:
+            return
+        self.drive.motor.advance()
+        function, start, third = struct.unpack(">BHH", frame[1:6])
+        words = None
+        if function in (3, 4):
+            words = self.drive.read(function, start, third)
+            pdu = words and bytes([function, 2 * third]) + struct.pack(f">{third}H", *words)
+        elif function in (6, 16):
+            words = [third] if function == 6 else list(struct.unpack(f">{third}H", frame[7:-2]))
+            self.requests.append((start, words))
+            pdu = frame[1:6] if self.drive.write(start, words) else None
+        else:
+            pdu = None
+        reply = bytes([1]) + (pdu or bytes([function | 0x80, 2 if words is None else 1]))
+        os.write(self.end, reply + crc16(reply))
+
+    def close(self):
+        self.is_open = False
+        self.join()
+        os.close(self.end)
+        os.close(self.other_end)
