@@ -1,5 +1,6 @@
 """The profiles of docs/examples for drives of other makers, each against a motor that follows its maker's manual."""
 
+import termios
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,17 @@ def test_a_stop_is_seen(bench):
     stopped = bench.run("stop")
     assert "axis 1 is stopped" in stopped.stderr, stopped.stderr
     assert bench.station.drive.motor.speed == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "drive", "rate"),
+    [("mks-servo42d", Servo42d, termios.B38400), ("oriental-az", Az, termios.B115200)],
+)
+def test_the_port_is_set_as_the_profile_states(name, drive, rate):
+    bench = Bench(name, drive())
+    bench.run("info")
+    assert termios.tcgetattr(bench.station.other_end)[5] == rate
+    bench.station.close()
 
 
 def test_a_motion_is_one_request():

@@ -306,6 +306,7 @@ impl Emitter {
             )
         });
         let motion = motion_expr(&p.motion);
+        assert!(p.line.is_none(), "{}: a built-in drive has the line of its protocol", p.name);
         let (link_settings, optional) = (id_list(p.link_settings), id_list(p.optional));
         let ram = p.ram.map_or("None".to_owned(), |mode| {
             let (parameter, ram, flash) = (parameter_id(mode.parameter), mode.ram, mode.flash);
@@ -318,7 +319,7 @@ impl Emitter {
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
              motion: {motion}, identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
              optional: &[{optional}], \
-             watchdog: {watchdog}, reply_timeout_ms: {}, multiple_writes: {}, caution: {:?} }};\n\n",
+             watchdog: {watchdog}, reply_timeout_ms: {}, multiple_writes: {}, line: None, caution: {:?} }};\n\n",
             p.name,
             p.family,
             p.protocol,

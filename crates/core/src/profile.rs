@@ -7,7 +7,7 @@ mod digits;
 mod encoding;
 mod motion;
 
-use crate::medium::MediumKind;
+use crate::medium::{MediumKind, SerialLine};
 use crate::plan::{ARRIVAL, Plan};
 use crate::units::Unit;
 use crate::verb::Verb;
@@ -62,6 +62,8 @@ pub struct Profile {
     pub reply_timeout_ms: u32,
     /// On Modbus a single register is written by function 16, because the drive has no function 06.
     pub multiple_writes: bool,
+    /// Serial line from the factory, where it differs from what is usual for the protocol.
+    pub line: Option<SerialLine>,
     /// Checks before and after, in one paragraph, shown before the first motion.
     pub caution: &'static str,
     /// Identity that distinguishes it from other products of its protocol, by reads only.

@@ -205,6 +205,7 @@ impl Connector {
     fn open_line(&self, url: &Url, opened: Option<SharedLink>) -> Result<ProtocolLine, Error> {
         let info = url.protocol_info()?;
         url.axes.iter().try_for_each(|axis| info.check_address(*axis))?;
+        let url = &self.with_factory_line(url, &info);
         let mut options = wire_options(url, &info)?;
         // The host's usual address may be that of a named drive.
         options.host_address = options.host_address.or_else(|| info.alternative_host(&url.axes));

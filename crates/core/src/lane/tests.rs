@@ -117,6 +117,7 @@ static PROFILE: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     multiple_writes: false,
+    line: None,
     caution: "",
     identity: None,
 };

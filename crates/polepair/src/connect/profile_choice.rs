@@ -6,7 +6,8 @@ use crate::profile::Listed;
 use crate::registry::ProtocolInfo;
 use crate::spelling;
 use crate::toml_file::FileError;
-use crate::url::Url;
+use crate::url::{LinkTarget, Url};
+use polepair_core::medium::Parity;
 use polepair_core::profile::Profile;
 use std::path::Path;
 use std::sync::PoisonError;
@@ -63,6 +64,32 @@ impl Connector {
             over.push(error);
         }
         Ok(None)
+    }
+
+    /// The string with what the chosen profile states of the serial line, where the string states nothing.
+    pub(super) fn with_factory_line(&self, url: &Url, protocol: &ProtocolInfo) -> Url {
+        let mut url = url.clone();
+        // A wrong profile is reported by who reads it for its parameters.
+        let chosen = self.read_chosen_profile(&url, protocol).ok().flatten();
+        let Some(line) = chosen.and_then(|profile| profile.line) else { return url };
+        let LinkTarget::Serial { baud, .. } = &mut url.target else { return url };
+        baud.get_or_insert(line.baud);
+        let parity = match line.parity {
+            Parity::None => "none",
+            Parity::Even => "even",
+            Parity::Odd => "odd",
+        };
+        let states = [
+            ("parity", parity.to_owned()),
+            ("stop", line.stop_bits.to_string()),
+            ("bits", line.data_bits.to_string()),
+        ];
+        for (key, value) in states {
+            if url.key(key).is_none() {
+                url.keys.push((key.to_owned(), value));
+            }
+        }
+        url
     }
 
     fn read_chosen_profile(

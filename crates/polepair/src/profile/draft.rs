@@ -6,6 +6,7 @@
 use super::{bits, digits};
 use crate::toml_file::{FileLocation, Located};
 use polepair_core::axis::Verb;
+use polepair_core::medium::SerialLine;
 use polepair_core::plan::{Argument, Operand, ParameterTest};
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, Identity, IdentityQuery, ParameterId, Persistence,
@@ -31,6 +32,7 @@ pub(crate) struct Draft {
     pub(crate) motors: u8,
     pub(crate) reply_timeout_ms: u32,
     pub(crate) multiple_writes: bool,
+    pub(crate) line: Option<SerialLine>,
     pub(crate) caution: String,
     pub(crate) watchdog: DraftWatchdog,
     pub(crate) ram: Option<DraftRam>,
@@ -275,6 +277,7 @@ impl Draft {
             motors: profile.motors,
             reply_timeout_ms: profile.reply_timeout_ms,
             multiple_writes: profile.multiple_writes,
+            line: profile.line,
             caution: profile.caution.into(),
             watchdog: match profile.watchdog {
                 Watchdog::None => DraftWatchdog::None,

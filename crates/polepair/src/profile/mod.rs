@@ -32,6 +32,7 @@ mod memory_map;
 mod missing_parameters;
 mod read;
 mod resolve;
+mod serial_line;
 mod setup;
 mod signals;
 mod step;

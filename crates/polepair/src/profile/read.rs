@@ -18,7 +18,7 @@ use polepair_core::units::Unit;
 use polepair_drives::scale_rules;
 use std::collections::HashSet;
 
-const KEYS: [&str; 26] = [
+const KEYS: [&str; 27] = [
     "name",
     "extends",
     "replace",
@@ -32,6 +32,7 @@ const KEYS: [&str; 26] = [
     "reply_timeout_ms",
     "motors",
     "write",
+    "line",
     "caution",
     "watchdog",
     "ram",
@@ -213,6 +214,7 @@ fn new_draft(node: &TomlTable<'_, '_>) -> Result<Draft, FileError> {
         motors: 0,
         reply_timeout_ms: 100,
         multiple_writes: false,
+        line: None,
         caution: String::new(),
         watchdog: DraftWatchdog::None,
         ram: None,
@@ -258,6 +260,7 @@ fn read_head(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErro
         draft.multiple_writes =
             function.try_map(|word| parse_choice(&word, &[("06", false), ("16", true)]))?;
     }
+    draft.line = super::serial_line::read(node)?.or(draft.line);
     if let Some(ms) = node.integer_between("reply_timeout_ms", 1, 60_000)? {
         draft.reply_timeout_ms = saturating(ms);
     }

@@ -56,6 +56,7 @@ pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileErr
         watchdog: names.watchdog(&draft.watchdog)?,
         reply_timeout_ms: draft.reply_timeout_ms,
         multiple_writes: draft.multiple_writes,
+        line: draft.line,
         caution: leak_text(&draft.caution),
     })))
 }

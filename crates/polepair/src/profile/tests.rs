@@ -2,6 +2,7 @@
 
 use super::{BaseProfiles, load_own_file as load, parse, remove_missing, resolve};
 use polepair_core::axis::Verb;
+use polepair_core::medium::{Parity, SerialLine};
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Step};
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, ParameterId, Persistence, Profile, Scale, Signal,
@@ -630,5 +631,33 @@ fn impossible_signs_bits_and_joint_writes_are_refused_with_the_place() {
         assert_ne!(text, WORDS, "{from}");
         let error = parse("words.toml", &text).unwrap_err().to_string();
         assert!(error.contains(reason), "{from} -> {to}: {error}");
+    }
+}
+
+#[test]
+fn a_line_from_the_factory_is_read() {
+    let with = |line: &str| {
+        let text = WORDS.replacen(
+            "protocol = \"modbus\"",
+            &format!("protocol = \"modbus\"\nline = {line}"),
+            1,
+        );
+        parse("words.toml", &text).map(|profile| profile.line.expect("a line"))
+    };
+    let full = with("{ baud = 19200, parity = \"even\", stop = 2, bits = 7 }").unwrap();
+    assert_eq!(
+        (full.baud, full.parity, full.stop_bits, full.data_bits),
+        (19_200, Parity::Even, 2, 7)
+    );
+    assert_eq!(with("{ baud = 38400 }").unwrap(), SerialLine::new_8n1(38_400));
+    for (line, reason) in [
+        ("{ parity = \"even\" }", "words.toml:4:8: `line` needs a `baud` rate"),
+        ("{ baud = 0 }", "`baud`"),
+        ("{ baud = 9600, parity = \"evn\" }", "did you mean `even`?"),
+        ("{ baud = 9600, stop = 3 }", "`stop`"),
+        ("{ baud = 9600, rate = 3 }", "unknown key `rate`"),
+    ] {
+        let error = with(line).unwrap_err().to_string();
+        assert!(error.contains(reason), "{line}: {error}");
     }
 }

@@ -335,6 +335,7 @@ pub static GENERIC: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: REPLY_TIMEOUT_MS,
     multiple_writes: false,
+    line: None,
     identity: None,
     caution: "Nothing is known of this device but that it speaks CANopen: objects can be read and \
               written by number. Give its data sheet or a profile with profile=NAME.",

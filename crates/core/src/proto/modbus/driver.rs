@@ -37,6 +37,7 @@ pub static GENERIC: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
     multiple_writes: false,
+    line: None,
     caution: "Nothing is known of this drive: registers can be read and written by number only.",
 };
 

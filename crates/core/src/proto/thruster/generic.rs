@@ -46,6 +46,7 @@ pub static GENERIC: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: super::host::REPLY_TIMEOUT_MS,
     multiple_writes: false,
+    line: None,
     identity: None,
     caution: "This drive is not known; only reading and stopping are offered. Give its profile \
               with profile=NAME.",

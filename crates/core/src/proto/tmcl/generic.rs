@@ -38,6 +38,7 @@ pub static GENERIC: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 100,
     multiple_writes: false,
+    line: None,
     identity: None,
     caution: "This module is not known. Units and limits are the module's own numbers; only \
               reading and stopping are offered. Give its profile with profile=NAME.",

@@ -39,6 +39,7 @@ pub static GENERIC: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 500,
     multiple_writes: false,
+    line: None,
     identity: None,
     caution: "This drive's firmware is not known, and addresses and units depend on it. Only what \
               all have in common is offered: reading and stopping. Give its profile with \

@@ -71,6 +71,7 @@ static PROFILE: Profile = Profile {
     watchdog: Watchdog::None,
     reply_timeout_ms: 50,
     multiple_writes: false,
+    line: None,
     identity: None,
     caution: "",
 };
