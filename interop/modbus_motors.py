@@ -8,16 +8,9 @@ import threading
 import time
 import tty
 
+from faulty_drive import crc
+
 COUNTS = 16384
-
-
-def crc16(data):
-    crc = 0xFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
-    return struct.pack("<H", crc)
 
 
 def signed32(high, low):
@@ -25,33 +18,45 @@ def signed32(high, low):
 
 
 class Motor:
-    """Position in turns and speed in rpm, to a target or on and on."""
+    """Position in turns and speed in rpm, to a target or on and on; `ramp` in rpm a second, none is at once."""
 
     def __init__(self):
         self.position, self.speed, self.target, self.at = 0.0, 0.0, None, time.monotonic()
+        self.wanted, self.ramp = 0.0, None
 
     def advance(self):
         now = time.monotonic()
-        step = self.speed / 60 * (now - self.at)
-        self.at = now
+        way, self.at = now - self.at, now
+        change = float("inf") if self.ramp is None else self.ramp * way
+        self.speed += max(-change, min(change, self.wanted - self.speed))
+        step = self.speed / 60 * way
         if self.target is not None and abs(self.target - self.position) <= abs(step):
-            self.position, self.speed, self.target = self.target, 0.0, None
+            self.position, self.speed, self.wanted, self.target = self.target, 0.0, 0.0, None
         else:
             self.position += step
 
-    def run(self, rpm):
-        self.target, self.speed = None, rpm
+    def run(self, rpm, ramp=None):
+        self.target, self.wanted, self.ramp = None, rpm, ramp
+        self.advance()
 
     def go(self, target, rpm):
-        self.target = target
-        self.speed = abs(rpm) if target > self.position else -abs(rpm)
+        self.target, self.ramp = target, None
+        self.wanted = abs(rpm) if target > self.position else -abs(rpm)
+        self.advance()
 
 
 class Servo42d:
     """MKS SERVO42D: readings are input registers, and motions are words of one request at F4h, F5h and F6h."""
 
     def __init__(self):
-        self.motor, self.enabled = Motor(), 0
+        self.motor, self.enabled, self.protected, self.positions = Motor(), 0, 0, False
+
+    def status(self):
+        """1 at standstill, 2 while it speeds up, 3 while it slows down, 4 at full speed (8.1, 10)."""
+        speed, wanted = abs(self.motor.speed), abs(self.motor.wanted)
+        if speed == wanted:
+            return 4 if speed else 1
+        return 2 if speed < wanted else 3
 
     def read(self, function, start, count):
         counts = round(self.motor.position * COUNTS) & 0xFFFF_FFFF_FFFF
@@ -59,22 +64,71 @@ class Servo42d:
             (0x31, 3): [counts >> 32, counts >> 16 & 0xFFFF, counts & 0xFFFF],
             (0x32, 1): [round(self.motor.speed) & 0xFFFF],
             (0x3A, 1): [self.enabled],
-            (0xF1, 1): [4 if self.motor.speed else 1],
+            (0x3E, 1): [self.protected],
+            (0xF1, 1): [self.status()],
         }
         return readings.get((start, count)) if function == 4 else None
 
     def write(self, start, words):
         if (start, len(words)) == (0xF3, 1):
             self.enabled = words[0]
+        elif (start, words) == (0x3D, [1]):
+            self.protected = 0
         elif (start, words) == (0xF7, [1]):
             self.motor.run(0)
         elif (start, len(words)) == (0xF6, 2):
-            self.motor.run(-words[1] if words[0] & 0x100 else words[1])
+            speed = -words[1] if words[0] & 0x100 else words[1]
+            # Chapter 6.1: every 50 us x (256 - acc) one rpm. A stop of the speed mode is not one of a move.
+            if speed or not (self.positions and self.motor.target is not None):
+                self.motor.run(speed, 20000 / (256 - (words[0] & 0xFF)))
+            self.positions = self.positions and not speed
         elif start in (0xF4, 0xF5) and len(words) == 4:
             way = signed32(*words[2:]) / COUNTS
             self.motor.go(way + (self.motor.position if start == 0xF4 else 0), words[1])
+            self.positions = True
         else:
             return False
+        return True
+
+
+class VfdEl:
+    """Delta VFD-EL with a motor of four poles: speeds have no sign, and the direction is in bits beside them."""
+
+    def __init__(self):
+        self.motor, self.command, self.frequency, self.error = Motor(), 1, 0, 0
+
+    def direction(self):
+        """0 forward, 1 from reverse to forward, 2 from forward to reverse, 3 reverse."""
+        goes_back, back = self.motor.speed < 0, self.command >> 4 & 3 == 2
+        return (3 if back else 1) if goes_back else (2 if back and self.motor.speed > 0 else 3 if back else 0)
+
+    def read(self, function, start, count):
+        turning = 3 if self.command & 3 == 2 else 1 if self.motor.speed else 0
+        words = {
+            0x2000: self.command,
+            0x2001: self.frequency,
+            0x2100: self.error,
+            0x2101: turning | self.direction() << 3,
+            0x2102: self.frequency,
+            0x2103: round(abs(self.motor.speed) / 0.3),
+            0x2104: 12,
+            0x2108: 3110,
+        }
+        wanted = [words.get(start + n) for n in range(count)]
+        return wanted if function == 3 and None not in wanted else None
+
+    def write(self, start, words):
+        if (start, len(words)) not in [(0x2000, 1), (0x2001, 1), (0x2002, 1)]:
+            return False
+        if start == 0x2001:
+            self.frequency = words[0]
+        elif start == 0x2002 and words[0] & 2:
+            self.error = 0
+        elif start == 0x2000:
+            self.command = words[0]
+        back = self.command >> 4 & 3 == 2
+        speed = self.frequency * 0.3 * (-1 if back else 1) if self.command & 3 == 2 and not self.error else 0
+        self.motor.run(speed, 600)
         return True
 
 
@@ -84,11 +138,11 @@ class Az:
     def __init__(self):
         self.motor = Motor()
         self.words = {address: 0 for address in [*range(0x58, 0x68), 0x7D, 0x7F, 0x80, 0x81, *range(0xCC, 0xD0)]}
-        self.lock = 0
 
     def read(self, function, start, count):
         position, speed = round(self.motor.position * 1000), round(self.motor.speed)
-        self.words[0x7F] = 0x2000 if self.motor.speed else 0x4020
+        state = 0x2000 if self.motor.speed else 0x4020
+        self.words[0x7F] = 0x80 if self.words[0x81] else state
         for address, value in [(0xCC, position), (0xCE, speed)]:
             self.words[address], self.words[address + 1] = struct.unpack(">HH", struct.pack(">i", value))
         wanted = [self.words.get(start + n) for n in range(count)]
@@ -99,7 +153,9 @@ class Az:
             return False
         self.words.update((start + n, word) for n, word in enumerate(words))
         number = lambda at: signed32(self.words[at], self.words[at + 1])
-        if self.words[0x7D] & 0x20:
+        if self.words[0x7D] & 0x80:
+            self.words[0x81] = 0
+        if self.words[0x7D] & 0x20 or self.words[0x81]:
             self.motor.run(0)
         elif start <= 0x67 < start + len(words) and number(0x66) == 1:
             kind, rpm = number(0x5A), number(0x5E) * 0.06
@@ -133,7 +189,7 @@ class Station(threading.Thread):
                 frame = b""
 
     def answer(self, frame):
-        if frame[0] != 1 or crc16(frame[:-2]) != frame[-2:]:
+        if frame[0] != 1 or crc(frame[:-2]) != frame[-2:]:
             return
         self.drive.motor.advance()
         function, start, third = struct.unpack(">BHH", frame[1:6])
@@ -148,7 +204,7 @@ class Station(threading.Thread):
         else:
             pdu = None
         reply = bytes([1]) + (pdu or bytes([function | 0x80, 2 if words is None else 1]))
-        os.write(self.end, reply + crc16(reply))
+        os.write(self.end, reply + crc(reply))
 
     def close(self):
         self.is_open = False

@@ -131,6 +131,14 @@ def test_rtu_in_tcp_is_recognized():
     server.close()
 
 
+def test_a_server_of_modbus_tcp_is_named_where_a_serial_server_is_asked():
+    server = Server(lambda _: ModbusTcpServer(registers(1, list(range(50))), address=("127.0.0.1", 0)))
+    url = f"modbus-rtu+tcp://127.0.0.1:{server.port}#1"
+    wrong = polepair("get", url, "R 0", check=False, silence=True)
+    assert wrong.returncode == 4 and "`modbus-tcp://`" in wrong.stderr, wrong.stderr
+    server.close()
+
+
 def mbap(transaction, unit, pdu):
     return struct.pack(">HHHB", transaction, 0, len(pdu) + 1, unit) + pdu
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from conftest import polepair
-from modbus_motors import Az, Servo42d, Station
+from modbus_motors import Az, Servo42d, Station, VfdEl
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
@@ -20,7 +20,17 @@ class Bench:
         return polepair(verb, "--profile", self.file, self.url, *words, check=check)
 
 
-@pytest.fixture(params=[("mks-servo42d", Servo42d), ("oriental-az", Az)], ids=lambda param: param[0])
+POSITIONERS = [("mks-servo42d", Servo42d), ("oriental-az", Az)]
+DRIVES = [*POSITIONERS, ("delta-vfd-el", VfdEl)]
+
+
+def pytest_generate_tests(metafunc):
+    if "bench" in metafunc.fixturenames:
+        drives = POSITIONERS if "move" in metafunc.function.__name__ or "arrives" in metafunc.function.__name__ else DRIVES
+        metafunc.parametrize("bench", drives, indirect=True, ids=[name for name, _ in drives])
+
+
+@pytest.fixture
 def bench(request):
     name, drive = request.param
     bench = Bench(name, drive())
@@ -29,7 +39,7 @@ def bench(request):
 
 
 def test_it_turns_both_ways(bench):
-    for speed in ("100rpm", "-100rpm"):
+    for speed in ("120rpm", "-120rpm"):
         turned = bench.run("spin", "--for", "2s", speed)
         assert f"velocity reached = {speed.replace('rpm', ' rpm')}" in turned.stdout, turned.stdout + turned.stderr
     assert bench.station.drive.motor.speed == 0
@@ -44,17 +54,48 @@ def test_it_arrives_where_it_was_sent(bench):
 
 
 def test_a_stop_is_seen(bench):
+    motor = bench.station.drive.motor
     bench.run("spin", "--detach", "100rpm")
-    # Speeds of the AZ are whole steps a second.
-    assert abs(bench.station.drive.motor.speed - 100) < 0.1
+    # Speeds are whole steps a second, or hundredths of a hertz.
+    assert abs(motor.wanted - 100) < 0.2
     stopped = bench.run("stop")
     assert "axis 1 is stopped" in stopped.stderr, stopped.stderr
-    assert bench.station.drive.motor.speed == 0
+    assert motor.speed == 0
+
+
+def test_info_shows_what_turns(bench):
+    rows = lambda: dict(line.split(None, 1) for line in bench.run("info").stdout.splitlines()[1:] if line.split(None, 1)[1:])
+    assert rows()["velocity"] == "0 rpm"
+    bench.run("spin", "--detach", "60rpm")
+    turning = rows()
+    assert turning["velocity"] != "0 rpm", turning
+    if "moving" in turning:
+        assert turning["moving"] == "yes", turning
+    bench.run("stop")
+
+
+def test_a_fault_is_named_and_cleared(bench):
+    drive = bench.station.drive
+    if isinstance(drive, Servo42d):
+        drive.protected = 1
+    elif isinstance(drive, Az):
+        drive.words[0x81] = 0x30
+    else:
+        drive.error = 5
+    refused = bench.run("spin", "--for", "1s", "60rpm", check=False)
+    assert refused.returncode != 0 and drive.motor.speed == 0, refused.stdout
+    assert "the drive reports" in refused.stderr, refused.stderr
+    bench.run("clear")
+    bench.run("spin", "--for", "1s", "60rpm")
 
 
 @pytest.mark.parametrize(
     ("name", "drive", "rate"),
-    [("mks-servo42d", Servo42d, termios.B38400), ("oriental-az", Az, termios.B115200)],
+    [
+        ("mks-servo42d", Servo42d, termios.B38400),
+        ("oriental-az", Az, termios.B115200),
+        ("delta-vfd-el", VfdEl, termios.B9600),
+    ],
 )
 def test_the_port_is_set_as_the_profile_states(name, drive, rate):
     bench = Bench(name, drive())
@@ -63,8 +104,40 @@ def test_the_port_is_set_as_the_profile_states(name, drive, rate):
     bench.station.close()
 
 
+def test_a_move_without_the_speed_that_its_request_carries_names_it(bench):
+    motor = bench.station.drive.motor
+    refused = bench.run("move", "1turn", check=False)
+    assert refused.returncode == 2 and "--vel" in refused.stderr, refused.stderr
+    assert "Nothing was sent" in refused.stderr and motor.target is None
+
+
 def test_a_motion_is_one_request():
     bench = Bench("mks-servo42d", Servo42d())
     bench.run("move", "-1turn", "--vel", "60rpm")
     assert (0xF5, [200, 60, 0xFFFF, 0xC000]) in bench.station.requests, bench.station.requests
+    bench.station.close()
+
+
+def test_a_stop_that_does_not_end_a_move_is_followed_by_the_emergency_stop():
+    bench = Bench("mks-servo42d", Servo42d())
+    bench.run("move", "100turn", "--vel", "60rpm", "--detach")
+    stopped = bench.run("stop")
+    assert "axis 1 is stopped" in stopped.stderr, stopped.stderr
+    assert bench.station.drive.motor.speed == 0
+    assert (0xF7, [1]) in bench.station.requests, bench.station.requests
+    bench.station.close()
+
+
+def test_a_reversal_shows_the_direction_that_the_motor_has():
+    bench = Bench("delta-vfd-el", VfdEl())
+    bench.run("spin", "--detach", "300rpm")
+    bench.run("spin", "--detach", "-300rpm")
+    seen = [bench.run("get", "output frequency").stdout for _ in range(3)]
+    motor = bench.station.drive.motor
+    motor.speed = -120.0
+    motor.wanted = -120.0
+    assert "= -120 rpm" in bench.run("get", "output frequency").stdout, seen
+    motor.wanted, motor.speed = 120.0, 120.0
+    assert "= 120 rpm" in bench.run("get", "output frequency").stdout
+    bench.run("stop")
     bench.station.close()

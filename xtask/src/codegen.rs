@@ -471,10 +471,13 @@ fn mapped_row(p: &Parameter) -> String {
 }
 
 fn scale_expr(scale: Scale) -> String {
-    let Scale { factor, times, over, rule } = scale;
+    // No shipped profile has a magnitude with its direction beside it.
+    let Scale { factor, times, over, rule, negative: _ } = scale;
     let (times, over) = (optional_id(times), optional_id(over));
     let rule = rule.map_or_else(|| "None".to_owned(), |rule| format!("Some({})", rule_path(rule)));
-    format!("Scale {{ factor: {factor:?}, times: {times}, over: {over}, rule: {rule} }}")
+    format!(
+        "Scale {{ factor: {factor:?}, times: {times}, over: {over}, rule: {rule}, negative: None }}"
+    )
 }
 
 fn optional_id(it: Option<ParameterId>) -> String {
@@ -591,7 +594,7 @@ mod tests {
         syn::parse_file(&rust).unwrap();
         for piece in [
             "pub static EVERY_KIND: Profile",
-            "scale: Scale { factor: 0.5, times: Some(ParameterId(1)), over: None, rule: None }",
+            "scale: Scale { factor: 0.5, times: Some(ParameterId(1)), over: None, rule: None, negative: None }",
             "values: &[(0, \"off\"), (1, \"on\")]",
             "Step::Write(ParameterId(0), Operand::OptionalArgument(Argument::Velocity))",
             "ParameterTest { mask: 0x80, compare: Compare::Equal, value: 128 }, within_ms: 60000",

@@ -5,6 +5,7 @@
 
 use crate::judge::EndReason;
 use crate::profile::ParameterId;
+use crate::verb::Argument;
 
 /// A frame that violates its protocol.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -163,7 +164,9 @@ pub enum Unsupported {
         /// Greatest raw value allowed.
         max: i64,
     },
-    /// The command lacks a value that its plan needs, or the value is not a finite number.
+    /// The command lacks a value that its plan needs.
+    MissingArgument(Argument),
+    /// A value is not a finite number.
     BadArgument,
     /// A motion command for an axis that is not armed.
     NotArmed,

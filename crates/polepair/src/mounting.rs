@@ -287,7 +287,7 @@ pub(crate) fn motion_roles(profile: &Profile) -> Vec<(ParameterId, MotionRole)> 
             roles.push((id, role));
         }
     };
-    for source in profile.signals.iter().filter(|s| s.equals.is_none() && s.mask == -1) {
+    for source in profile.signals.iter().filter(|s| !s.is_flag() && s.mask == -1) {
         match source.signal {
             Signal::Position | Signal::TargetPosition => {
                 note(source.parameter, MotionRole::Position)

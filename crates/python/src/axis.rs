@@ -490,7 +490,7 @@ impl PyAxis {
     fn signals(&self) -> Vec<(&'static str, String)> {
         let unit = |signal: Signal| {
             let Some(local) = self.0.local() else { return self.0.signal_unit(signal) };
-            let source = local.profile().signal(signal).filter(|source| source.equals.is_none());
+            let source = local.profile().signal(signal).filter(|source| !source.is_flag());
             let parameter = source.and_then(|source| local.parameter(source.parameter));
             parameter.map_or_else(String::new, |its| its.unit.symbol().to_owned())
         };

@@ -210,7 +210,7 @@ fn value_signal(axis: &Axis, name: &str) -> Option<ParameterId> {
     let local = axis.local()?;
     let (id, signal) = local.find_signal_or_parameter(name).ok()?;
     let source = local.profile().signal(signal?)?;
-    (source.mask == -1 && source.equals.is_none()).then_some(id)
+    (source.mask == -1 && !source.is_flag()).then_some(id)
 }
 
 /// Result of several requests of which some were refused.

@@ -7,7 +7,7 @@ use polepair::interface::FaultReport;
 use polepair::remote::{RemoteAxis, format_signal};
 use polepair::{Axis, LocalAxis};
 use polepair_client::message::{AxisState, SignalValue};
-use polepair_core::profile::Signal;
+use polepair_core::profile::{Signal, SignalSource};
 
 use crate::cmd::watchdog::watchdog_text;
 use crate::data_output::DataOutput;
@@ -254,7 +254,7 @@ fn absent_text(axis: &LocalAxis, wanted: Signal, problem: Problem) -> Result<Str
 
 /// A signal's value in words or in its unit.
 pub fn signal_text(axis: &LocalAxis, wanted: Signal) -> Result<Option<String>> {
-    let flag = axis.profile().signal(wanted).is_some_and(|source| source.equals.is_some());
+    let flag = axis.profile().signal(wanted).is_some_and(SignalSource::is_flag);
     let value = read_signal(axis, wanted)?;
     Ok(value.map(|value| match (wanted, flag) {
         (Signal::Moving, _) => if is_axis_moving(axis) { "yes" } else { "no" }.to_owned(),

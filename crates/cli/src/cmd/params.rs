@@ -241,7 +241,10 @@ fn scale_text(profile: &Profile, parameter: &Parameter) -> String {
             known.filter_map(|id| Some(profile.parameter(id)?.symbol)).collect();
         return format!("computed from {}", symbols.join(", "));
     }
-    format!("raw x {}{times}{over}", format_number(scale.factor))
+    let sign = scale.negative.map_or_else(String::new, |(id, _)| {
+        format!(", with the sign that {:?} gives", parameter_name(id, profile))
+    });
+    format!("raw x {}{times}{over}{sign}", format_number(scale.factor))
 }
 
 fn parameter_name(id: ParameterId, profile: &Profile) -> &str {

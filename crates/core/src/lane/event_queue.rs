@@ -127,7 +127,7 @@ impl EventQueue {
     ) {
         let mut reported = false;
         for source in slot.signal_sources(id) {
-            let whole = source.equals.is_none() && source.mask == -1;
+            let whole = !source.is_flag() && source.mask == -1;
             let (is, was) = (slot.state.reading(source.signal), before.reading(source.signal));
             let changed = was.at.is_none() || was.raw != is.raw;
             if changed || whole && source.signal.is_measured() {

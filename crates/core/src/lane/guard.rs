@@ -151,7 +151,7 @@ fn source<R: Request, A: Copy + 'static>(
 }
 
 fn enabled_by(source: &SignalSource, raw: i64) -> Option<bool> {
-    source.equals.map(|equals| raw & source.mask == equals)
+    source.is_flag().then(|| source.is_set(raw))
 }
 
 /// The fault in a value, if it is one that stops the drive.

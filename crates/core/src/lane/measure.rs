@@ -98,7 +98,7 @@ impl<R: Request, A: Copy + 'static> AxisSlot<R, A> {
         let mut seen = Observation::default();
         for source in self.signal_sources(id) {
             let masked = raw & source.mask;
-            let is_true = source.equals.map_or(masked != 0, |equals| masked == equals);
+            let is_true = source.is_set(raw);
             match source.signal {
                 Signal::Position => seen.position = Some(masked),
                 Signal::Velocity => {

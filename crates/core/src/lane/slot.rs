@@ -37,6 +37,10 @@ struct ScaleFactor {
     unconfirmed: Option<i64>,
     /// Number of reads: a drive that refuses it is not asked for ever.
     attempts: u8,
+    /// True if it is the direction of a value: one reading counts for one value.
+    is_direction: bool,
+    /// A direction that was read before the last value, and holds for it alone.
+    is_spent: bool,
 }
 
 /// Parameters that are added to those of an axis' profile at most.
@@ -47,13 +51,14 @@ const ATTEMPTS_MAX: u8 = 3;
 
 impl ScaleFactor {
     const fn new(parameter: ParameterId) -> Self {
-        Self { parameter, raw: None, unconfirmed: None, attempts: 0 }
+        let (raw, unconfirmed, attempts) = (None, None, 0);
+        Self { parameter, raw, unconfirmed, attempts, is_direction: false, is_spent: false }
     }
 
     /// Returns whether it is to be asked: once, and again after a value that is not believed yet.
     const fn is_due(&self) -> bool {
         let max = if self.unconfirmed.is_some() { ATTEMPTS_MAX } else { 1 };
-        self.raw.is_none() && self.attempts < max
+        (self.raw.is_none() || self.is_spent) && self.attempts < max
     }
 
     /// Stores a reading, and returns whether it is plausible. A value that it cannot have may belong to another
@@ -62,6 +67,7 @@ impl ScaleFactor {
     fn accept_reading(&mut self, raw: i64, possible: bool, is_anonymous: bool) -> bool {
         // A wrong microstep resolution would shift every position by up to 256 times, so a reply that does not
         // name its question counts when it came twice (TMCL-6).
+        self.is_spent = false;
         let is_known = !is_anonymous || self.raw == Some(raw);
         if possible && is_known || self.unconfirmed == Some(raw) {
             (self.raw, self.unconfirmed) = (Some(raw), None);
@@ -147,6 +153,11 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
                 }
             }
         }
+        let directions = profile.parameters.iter().filter_map(|p| p.scale.negative);
+        for (direction, _) in directions {
+            let factor = factors.iter_mut().find(|factor| factor.parameter == direction);
+            factor.into_iter().for_each(|factor| factor.is_direction = true);
+        }
         let motion = MotionWatch::new(driver.is_group());
         let mut slot = Self {
             motion,
@@ -225,6 +236,7 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         let entry = self.entry(id)?;
         match entry.scale {
             ScaleState::Unread => None,
+            _ if entry.parameter.scale.negative.is_some() => None,
             _ => entry.read_request.as_ref().ok(),
         }
     }
@@ -285,15 +297,26 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
             }
         }
         let Some(entry) = self.entries.get(usize::from(id.0)) else { return };
+        let direction = entry.parameter.scale.negative;
+        let direction =
+            direction.and_then(|(of, _)| self.factors.iter_mut().find(|f| f.parameter == of));
+        if let Some(direction) = direction {
+            // A value whose direction was not read before it would be shown with that of an earlier one.
+            if core::mem::replace(&mut direction.is_spent, true) {
+                return;
+            }
+            direction.attempts = 0;
+        }
         if entry.signal_sources.is_empty() {
             return;
         }
         let si = self.si_per_raw(id).unwrap_or(f64::NAN);
         for source in &entry.signal_sources {
             let masked = raw & source.mask;
-            let (raw, value) = match source.equals {
-                Some(equals) => (i64::from(masked == equals), f64::from(masked == equals)),
-                None => (masked, entry.parameter.encoding.number(masked) * si),
+            let (raw, value) = if source.is_flag() {
+                (i64::from(source.is_set(raw)), f64::from(source.is_set(raw)))
+            } else {
+                (masked, entry.parameter.encoding.number(masked) * si)
             };
             self.state.set_reading(source.signal, Reading { value, raw, at: Some(now) });
             if source.signal == Signal::Mode {
@@ -447,7 +470,8 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     /// Discards the values that a restart may have changed.
     pub fn forget_learned(&mut self) {
         for factor in &mut self.factors {
-            *factor = ScaleFactor::new(factor.parameter);
+            let is_direction = factor.is_direction;
+            *factor = ScaleFactor { is_direction, ..ScaleFactor::new(factor.parameter) };
         }
         for entry in &mut self.entries {
             entry.missing = false;
@@ -463,7 +487,10 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     #[inline]
     pub fn missing_factor(&self, id: ParameterId) -> Option<ParameterId> {
         let entry = self.entry(id)?;
-        let ScaleState::Unread = entry.scale else { return None };
+        let is_known = !matches!(entry.scale, ScaleState::Unread);
+        if is_known && entry.parameter.scale.negative.is_none() {
+            return None;
+        }
         let unread = entry.inputs.iter().map(|at| &self.factors[*at]);
         unread
             .filter(|f| f.is_due() && !self.lacks_parameter(f.parameter))
@@ -478,7 +505,8 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
 
     /// Takes values of parameters that scales depend on, where none was read.
     pub fn adopt_scale_inputs(&mut self, values: &[(ParameterId, i64)]) {
-        for factor in self.factors.iter_mut().filter(|factor| factor.raw.is_none()) {
+        let unread = |factor: &&mut ScaleFactor| factor.raw.is_none() && !factor.is_direction;
+        for factor in self.factors.iter_mut().filter(unread) {
             let value = values.iter().find(|(id, _)| *id == factor.parameter);
             factor.raw = value.map(|(_, raw)| *raw);
         }
@@ -488,6 +516,11 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
     pub fn count_attempt(&mut self, id: ParameterId) {
         if let Some(factor) = self.factors.iter_mut().find(|f| f.parameter == id) {
             factor.attempts = factor.attempts.saturating_add(1);
+            if factor.is_spent {
+                // It was asked for and did not come: the old direction is none.
+                (factor.raw, factor.is_spent) = (None, false);
+                self.update_scales();
+            }
         }
     }
 
@@ -533,12 +566,11 @@ impl<R: crate::station::Request, A: Copy + 'static> AxisSlot<R, A> {
         command: &Command,
         like: Option<ParameterId>,
     ) -> Result<Option<i64>, Unsupported> {
+        let argument = |which| command.argument(which).ok_or(Unsupported::MissingArgument(which));
         let si = match operand {
             Operand::Constant(raw) => return Ok(Some(raw)),
-            Operand::Argument(which) => command.argument(which).ok_or(Unsupported::BadArgument)?,
-            Operand::Magnitude(which) => {
-                command.argument(which).ok_or(Unsupported::BadArgument)?.abs()
-            }
+            Operand::Argument(which) => argument(which)?,
+            Operand::Magnitude(which) => argument(which)?.abs(),
             Operand::OptionalArgument(which) => match command.argument(which) {
                 Some(si) => si,
                 None => return Ok(None),

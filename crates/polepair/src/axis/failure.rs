@@ -578,9 +578,8 @@ impl LocalAxis {
             Unsupported::OutOfRange { parameter, value, min, max } => {
                 self.range_reason(parameter, value, min, max)
             }
-            Unsupported::BadArgument => {
-                ("a value is missing, or is no finite number".into(), String::new())
-            }
+            Unsupported::MissingArgument(argument) => missing_argument(argument),
+            Unsupported::BadArgument => ("a value is no finite number".into(), String::new()),
             Unsupported::NotArmed => ("the axis is not armed".into(), ARMING_HINT.into()),
             Unsupported::Busy => (
                 "the axis is busy with another command".into(),
@@ -641,4 +640,20 @@ fn is_motion(kind: RequestKind) -> bool {
 /// Text of a missing reply, with the received frames.
 fn no_answer_text(details: &NoReplyDetails) -> String {
     if details.is_nothing() { "no answer".to_owned() } else { format!("no answer, but {details}") }
+}
+
+/// The reason and the remedy where a plan needs what the caller left out.
+fn missing_argument(argument: Argument) -> (String, String) {
+    let (name, option) = match argument {
+        Argument::Target => ("a target", ""),
+        Argument::Velocity => ("a speed", "--vel, as in `--vel 60rpm`"),
+        Argument::Acceleration => ("an acceleration", "--acc"),
+        Argument::Deceleration => ("a deceleration", "--dec"),
+        Argument::Torque => ("a torque", "--torque"),
+        Argument::JerkTime => ("a jerk time", "--s-curve"),
+        Argument::Period => ("a period", "--period"),
+        Argument::Path => ("a path", "--path"),
+    };
+    let hint = if option.is_empty() { String::new() } else { format!("give it with {option}") };
+    (format!("this drive starts it with {name}, and none is given"), hint)
 }

@@ -531,7 +531,7 @@ impl LocalAxis {
 
 /// Returns whether a signal is a value of its parameter and no bits of it.
 fn is_value(source: &SignalSource) -> bool {
-    source.equals.is_none() && source.mask == -1
+    !source.is_flag() && source.mask == -1
 }
 
 /// The way from one point of a path to the next: a cubic where velocities are given, else straight.

@@ -33,15 +33,16 @@ impl LocalAxis {
         let Some(raw) = self.read_optional(id)? else { return Ok(None) };
         let value = self.value(id, raw)?;
         let masked = value.raw & source.mask;
-        Ok(Some(match source.equals {
-            Some(equals) if masked != equals && signal == Signal::Moving => {
+        let flag = source.is_flag().then(|| source.is_set(value.raw));
+        Ok(Some(match flag {
+            Some(false) if signal == Signal::Moving => {
                 // The flag often means that a target is not reached: the speed shows it, too.
                 if let Some(source) = self.profile.signal(Signal::Velocity) {
                     self.read_optional(source.parameter)?;
                 }
                 code_value(i64::from(self.moving(&self.state()) == Some(true)), value.encoding)
             }
-            Some(equals) => code_value(i64::from(masked == equals), value.encoding),
+            Some(is_set) => code_value(i64::from(is_set), value.encoding),
             None if source.mask == -1 => value,
             None => {
                 let named = source.values.iter().find(|(raw, _)| *raw == masked);

@@ -491,7 +491,7 @@ impl StopSupervisor {
     fn supervise_unidentified(&mut self, now: Instant) -> Option<StopNotice> {
         if self.persistence != StopPersistence::UntilStandstill {
             self.end(Err(self.axis.unidentified_error()));
-        } else if now >= self.sent_at + self.turning_pause {
+        } else if now >= self.sent_at + self.axis.connection.scale_timeout(self.turning_pause) {
             (self.turning_pause, self.may_be_executed) = (TURNING_PAUSE_MAX, true);
             self.failure = Some(self.axis.unidentified_error());
             self.begin_attempt(true);
@@ -511,6 +511,8 @@ impl StopSupervisor {
         // Since the motor was last seen to become slower: a long ramp is no failure as long as it works.
         let unslowed = now.since(self.slowest.1);
         let may_be_turning = attempt.may_be_turning();
+        // Scaled as the time until the quick stop is, which would never come otherwise.
+        let turning_pause = connection.scale_timeout(self.turning_pause);
         let is_braking = unslowed < connection.scale_timeout(STANDSTILL_WAIT_MAX)
             && now.since(self.brakes_since) < self.axis.standstill_timeout(self.command().verb);
         if !is_braking && self.persistence != StopPersistence::UntilStandstill {
@@ -531,7 +533,7 @@ impl StopSupervisor {
         {
             return Some(StopNotice::QuickStop);
         }
-        if may_be_turning && now >= self.sent_at + self.turning_pause {
+        if may_be_turning && now >= self.sent_at + turning_pause {
             // The drive replied to the one before.
             (self.turning_pause, self.may_be_executed) = (TURNING_PAUSE_MAX, true);
             self.begin_attempt(true);

@@ -146,3 +146,38 @@ impl Connector {
 fn catalogue_entry<'l>(name: &str, listed: &'l [Listed]) -> Option<&'l Listed> {
     listed.iter().find(|module| module.name == name)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registry;
+
+    /// The keys of a link, once a profile has added what it states of the line.
+    fn keys(string: &str) -> Vec<(String, String)> {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/examples/oriental-az.toml");
+        let connector = Connector::default().with_profile(Path::new(file)).unwrap();
+        let url: Url = string.parse().unwrap();
+        let protocol = registry::protocol_by_word("modbus-rtu").unwrap();
+        let url = connector.with_factory_line(&url, &protocol);
+        let LinkTarget::Serial { baud, .. } = url.target else { panic!("a serial port") };
+        let mut keys = url.keys;
+        keys.push(("baud".into(), baud.map_or_else(String::new, |baud| baud.to_string())));
+        keys.retain(|(key, _)| key != "profile");
+        keys
+    }
+
+    #[test]
+    fn the_string_goes_before_the_line_of_a_profile() {
+        let pair = |key: &str, value: &str| (key.to_owned(), value.to_owned());
+        let factory =
+            [pair("parity", "even"), pair("stop", "1"), pair("bits", "8"), pair("baud", "115200")];
+        assert_eq!(keys("modbus-rtu+serial:///dev/ttyUSB0?profile=oriental-az#1"), factory);
+        let stated =
+            "modbus-rtu+serial:///dev/ttyUSB0:9600?parity=none&stop=2&profile=oriental-az#1";
+        let own =
+            [pair("parity", "none"), pair("stop", "2"), pair("bits", "8"), pair("baud", "9600")];
+        assert_eq!(keys(stated), own);
+        // Without a profile nothing is known of the line.
+        assert_eq!(keys("modbus-rtu+serial:///dev/ttyUSB0#1"), [pair("baud", "")]);
+    }
+}

@@ -116,11 +116,7 @@ fn read_signal_bits(axis: &LocalAxis, signal: Signal) -> Result<Availability<(i6
     let Some(raw) = read_if_present(axis, source.parameter)? else {
         return Ok(Availability::Absent(signal.name()));
     };
-    let masked = raw & source.mask;
-    Ok(Availability::Present((
-        masked,
-        source.equals.map_or(masked != 0, |equals| masked == equals),
-    )))
+    Ok(Availability::Present((raw & source.mask, source.is_set(raw))))
 }
 
 fn check_supply(axis: &LocalAxis, about: &str) -> Result<Option<CheckResult>, Error> {

@@ -146,6 +146,7 @@ fn sheet_parameter(
         encoding: Encoding::U32,
         unit: Unit::None,
         factor: 1.0,
+        negative: None,
         times: None,
         over: None,
         rule: None,

@@ -245,7 +245,7 @@ impl AxisReadings for LocalAxis {
     fn latest_value(&self, name: &str, _hz: f64) -> Result<LatestValue, Error> {
         let (id, signal) = self.find_signal_or_parameter(name)?;
         let source = signal.and_then(|signal| self.profile().signal(signal));
-        let is_flag = source.is_some_and(|source| source.equals.is_some());
+        let is_flag = source.is_some_and(|source| source.is_flag());
         // Reads what the unit depends on. What cannot be read shows with the first value.
         let _ = self.value(id, 0);
         let unit = if is_flag { "" } else { self.unit(id).symbol() };

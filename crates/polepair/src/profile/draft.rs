@@ -133,6 +133,7 @@ pub(crate) struct DraftParameter {
     pub(crate) times: Option<ParameterName>,
     pub(crate) over: Option<ParameterName>,
     pub(crate) rule: Option<&'static ScaleRule>,
+    pub(crate) negative: Option<(ParameterName, ParameterTest)>,
     pub(crate) min: i64,
     pub(crate) max: i64,
     pub(crate) default: Option<i64>,
@@ -351,7 +352,7 @@ impl NameLookup<'_> {
     }
 
     fn parameter(&self, p: &polepair_core::profile::Parameter) -> DraftParameter {
-        let Scale { factor, times, over, rule } = p.scale;
+        let Scale { factor, times, over, rule, negative } = p.scale;
         DraftParameter {
             location: self.location.clone(),
             name: p.name.into(),
@@ -365,6 +366,7 @@ impl NameLookup<'_> {
             times: times.map(|id| self.name_of(id)),
             over: over.map(|id| self.name_of(id)),
             rule,
+            negative: negative.map(|(id, test)| (self.name_of(id), test)),
             min: p.min,
             max: p.max,
             default: p.default,

@@ -168,6 +168,7 @@ fn undescribed(entry: &MapEntry<'_>, position: &FileLocation) -> DraftParameter 
         encoding: entry.encoding,
         unit,
         factor,
+        negative: None,
         times: None,
         over: per_turn
             .then(|| Located { value: COUNTS_PER_TURN.to_owned(), location: position.clone() }),

@@ -3,14 +3,15 @@
 use super::digits::read_values;
 use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan, DraftRam,
-    DraftWatchdog, ENTRIES_MAX,
+    DraftWatchdog, ENTRIES_MAX, ParameterName,
 };
 use super::watchdog::read_watchdog;
-use super::{bits, blocks, digits, memory_map, signals};
+use super::{bits, blocks, digits, memory_map, signals, step};
 use crate::toml_file::{FileError, Located, SourceText, TomlTable};
 use crate::{registry, spelling};
 use polepair_core::axis::Verb;
 use polepair_core::convert::saturating;
+use polepair_core::plan::ParameterTest;
 use polepair_core::profile::{
     Access, AxisKind, Certainty, Encoding, Persistence, ScaleRule, Severity,
 };
@@ -483,7 +484,7 @@ impl ProfileReader {
         let index = table.required_integer("index")?.try_map(|n| {
             u16::try_from(n).map_err(|_| format!("`index` is {n}; it must be 0 to 65535"))
         })?;
-        let (factor, times, over, rule) = read_scale(table)?;
+        let ScaleParts { factor, times, over, rule, negative } = read_scale(table)?;
         Ok(DraftParameter {
             location: table.location(),
             name: table.required_text("name")?.try_map(check_name)?,
@@ -497,6 +498,7 @@ impl ProfileReader {
             times,
             over,
             rule,
+            negative,
             min: read_raw_limit(table, "min", encoding)?.unwrap_or(min_value),
             max: read_raw_limit(table, "max", encoding)?.unwrap_or(max_value),
             default: read_raw_limit(table, "default", encoding)?,
@@ -612,27 +614,37 @@ fn read_unit(table: &TomlTable<'_, '_>) -> Result<Unit, FileError> {
     found.try_map(|word| parse_choice(&word, &Unit::ALL.map(|unit| (unit.symbol(), unit))))
 }
 
-/// Parts of a scale: factor, parameters that multiply and divide it, a standard's rule.
-type ScaleParts =
-    (f64, Option<Located<String>>, Option<Located<String>>, Option<&'static ScaleRule>);
+/// Parts of a scale.
+struct ScaleParts {
+    factor: f64,
+    times: Option<ParameterName>,
+    over: Option<ParameterName>,
+    rule: Option<&'static ScaleRule>,
+    negative: Option<(ParameterName, ParameterTest)>,
+}
 
 fn read_scale(table: &TomlTable<'_, '_>) -> Result<ScaleParts, FileError> {
     let words = scale_rules().map(|rule| (rule.name, rule));
-    let (factor, times, over, rule) = if table.is_table("scale") {
-        match table.table("scale", &["factor", "times", "over", "rule"])? {
-            Some(node) => {
-                let rule = optional_choice(&node, "rule", &words)?;
-                (node.float("factor")?, node.text("times")?, node.text("over")?, rule)
-            }
-            None => (None, None, None, None),
-        }
-    } else {
-        (table.float("scale")?, None, None, None)
+    let keys = ["factor", "times", "over", "rule", "negative"];
+    let node = if table.is_table("scale") { table.table("scale", &keys)? } else { None };
+    let factor = match &node {
+        Some(node) => node.float("factor")?,
+        None => table.float("scale")?,
     };
     let factor = factor.map(|found| {
         found.try_map(|f| if f == 0.0 { Err("a scale cannot be 0".into()) } else { Ok(f) })
     });
-    Ok((factor.transpose()?.unwrap_or(1.0), times, over, rule))
+    let factor = factor.transpose()?.unwrap_or(1.0);
+    let Some(node) = node else {
+        return Ok(ScaleParts { factor, times: None, over: None, rule: None, negative: None });
+    };
+    Ok(ScaleParts {
+        factor,
+        times: node.text("times")?,
+        over: node.text("over")?,
+        rule: optional_choice(&node, "rule", &words)?,
+        negative: node.text("negative")?.map(|test| step::parse_test(&test)).transpose()?,
+    })
 }
 
 fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {

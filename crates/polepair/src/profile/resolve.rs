@@ -204,7 +204,15 @@ impl<'a> NameResolver<'a> {
 
     fn parameter(&self, p: &DraftParameter) -> Result<Parameter, FileError> {
         let (times, over) = (self.resolve_reference(&p.times)?, self.resolve_reference(&p.over)?);
-        let scale = Scale { factor: p.factor, times, over, rule: p.rule };
+        let negative = match &p.negative {
+            None => None,
+            Some((name, _)) if p.access != Access::Read || p.encoding.is_signed() => {
+                let why = "`negative` is for a magnitude that can only be read";
+                return Err(name.location.error(why));
+            }
+            Some((name, test)) => Some((self.resolve_use(name, &[RequiredAccess::Read])?, *test)),
+        };
+        let scale = Scale { factor: p.factor, times, over, rule: p.rule, negative };
         Ok(Parameter {
             name: leak_text(&p.name),
             symbol: leak_text(&p.symbol),

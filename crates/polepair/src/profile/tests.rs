@@ -193,6 +193,31 @@ fn mistakes_name_file_line_column_and_the_nearest_word() {
 }
 
 #[test]
+fn a_magnitude_has_its_sign_from_another_parameter() {
+    let flow = r#"
+[[parameter]]
+name = "flow"
+index = 0x40
+access = "r"
+scale = { factor = 0.1, negative = "status & 0x8 == 0x8" }
+"#;
+    let unsigned = GOOD.replacen("[[fault]]", &format!("{flow}\n[[fault]]"), 1);
+    let parse_text = |text: &str| parse("bad.toml", text);
+    let profile = parse_text(&unsigned).unwrap();
+    let test = ParameterTest { mask: 8, compare: Compare::Equal, value: 8 };
+    let scaled = profile.parameters.iter().filter_map(|p| p.scale.negative).collect::<Vec<_>>();
+    assert_eq!(scaled, [(ParameterId(3), test)]);
+    // A value that is written, or that has a sign of its own, cannot have another one.
+    for (from, to) in [("access = \"r\"\nscale", "scale"), ("0x40", "0x40\nencoding = \"i16\"")] {
+        let error = parse_text(&unsigned.replacen(from, to, 1)).unwrap_err().to_string();
+        assert!(error.contains("`negative` is for a magnitude that can only be read"), "{error}");
+    }
+    let error =
+        parse_text(&unsigned.replace("negative = \"status", "negative = \"statsu")).unwrap_err();
+    assert!(error.to_string().contains("did you mean `status`?"), "{error}");
+}
+
+#[test]
 fn mistakes_in_steps_point_into_the_text() {
     for (from, to, text) in [
         (

@@ -145,7 +145,12 @@ impl ValueTracker {
         let raw = parameter.encoding.number(found.frame_value.raw);
         let scale = parameter.scale;
         let quality = Cell::new(found.quality);
+        let direction = scale.negative.map(|(parameter, _)| parameter);
         let read = |id: ParameterId| {
+            // A direction that was read for an earlier value may not be the one of this value.
+            if Some(id) == direction {
+                return None;
+            }
             let key = (found.axis, found.frame_value.motor, object_key(profile, id));
             let known = self.factor_values.iter().find(|(of, _)| *of == key);
             if let Some((_, raw)) = known {
@@ -180,7 +185,7 @@ impl ValueTracker {
                 self.report_faults(profile, found, notices);
             }
             Source::Enabled => {
-                let on = source.equals.map_or(masked != 0, |equals| masked == equals);
+                let on = source.is_set(found.frame_value.raw);
                 let word = motor_name("State/Enabled", part);
                 notices.push(found.signal_notice(word, f64::from(u8::from(on)), "", found.quality));
                 let state = if on { "on" } else { "off" };

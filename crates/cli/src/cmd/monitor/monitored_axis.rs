@@ -185,7 +185,7 @@ impl MonitoredAxis {
         let names = if source.values.is_empty() { parameter.values } else { source.values };
         let word = names.iter().find(|(raw, _)| *raw == reading.raw).map(|(_, word)| *word);
         let value = reading.value / parameter.unit.si_factor();
-        let scaled = value.is_finite() && source.equals.is_none();
+        let scaled = value.is_finite() && !source.is_flag();
         Some(SignalRow {
             signal: wanted,
             value: if scaled { value } else { reading.raw as f64 },

@@ -152,7 +152,7 @@ fn reported_column(
     fresh: Duration,
 ) -> Option<WatchColumn> {
     let source = axis.profile().signal(signal)?;
-    let is_code = source.equals.is_some() || source.mask != -1;
+    let is_code = source.is_flag() || source.mask != -1;
     let unit = (!is_code).then(|| axis.unit(source.parameter));
     let (number, its) = (axis.number(), axis.clone());
     let si_factor = unit.map_or(1.0, |unit| unit.si_factor());

@@ -82,7 +82,7 @@ const fn reading(
         index: command.0,
         encoding,
         unit,
-        scale: Scale { factor, times: None, over: None, rule: None },
+        scale: Scale { factor, ..Scale::ONE },
         min: 0,
         max: 0,
         default: None,

@@ -142,7 +142,7 @@ pub fn drive_unit(axis: &AxisInfo, signal: &str, si: &str) -> Option<Unit> {
     let profile = crate::profile::find_shipped(&axis.profile)?;
     let source = profile.signals.iter().find(|source| source.signal.name() == signal)?;
     let unit = profile.parameter(source.parameter)?.unit;
-    (source.equals.is_none() && !si.is_empty() && unit.si_symbol() == si).then_some(unit)
+    (!source.is_flag() && !si.is_empty() && unit.si_symbol() == si).then_some(unit)
 }
 
 /// A value of a signal, which a gateway gives in SI, as people read it.
