@@ -163,7 +163,15 @@ impl<'a> Prober<'a> {
             received: Box::new(details),
             may_turn: false,
             hint: match (details.is_nothing(), self.line.wiring()) {
-                (true, wiring @ (Wiring::Network | Wiring::SerialServer)) => wiring.hint().into(),
+                (true, Wiring::Network) => Wiring::Network.hint().into(),
+                (true, Wiring::SerialServer) => {
+                    let twin = self.line.protocol.network_twin_hint();
+                    format!("{}{twin}", Wiring::SerialServer.hint())
+                }
+                // Bytes that are no frames may be those of the other protocol.
+                (false, Wiring::SerialServer) => {
+                    format!("{}{}", details.hint(), self.line.protocol.network_twin_hint())
+                }
                 _ => details.hint().into(),
             },
         }

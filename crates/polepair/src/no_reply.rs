@@ -62,8 +62,7 @@ impl Wiring {
                 "power, wiring (A and B may be swapped), and the baud rate in the URL"
             }
             Self::SerialServer => {
-                "power and wiring behind the serial server (A and B may be swapped), its baud rate, \
-                 and whether it is a server of Modbus TCP: `modbus-tcp://`"
+                "power and wiring behind the serial server (A and B may be swapped), and its baud rate"
             }
             Self::Network => {
                 "the server is there: check the unit numbers, and whether it is a serial server, \

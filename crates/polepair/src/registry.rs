@@ -142,6 +142,16 @@ impl ProtocolInfo {
     }
 
     /// Refuses an axis of a drive that the protocol has not.
+    /// Where the same drives have a protocol of their own on TCP: that the server may be one of it.
+    pub(crate) fn network_twin_hint(&self) -> String {
+        let twin = protocols()
+            .into_iter()
+            .find(|other| other.profile == self.profile && other.network_port.is_some());
+        twin.map_or_else(String::new, |twin| {
+            format!("; or the server is one of another protocol: `{}://`", twin.name)
+        })
+    }
+
     fn check_sub_axis(&self, address: u32) -> Result<(), Error> {
         let sub = proto::sub_axis(address);
         let (first, last) = (self.sub_axes.start(), self.sub_axes.end());
