@@ -250,7 +250,8 @@ fn an_impossible_value_is_refused_before_a_byte_is_sent() {
     let bare = Command::new(Verb::Velocity);
     let lane = &mut bench.lane;
     let now = bench.now;
-    assert_eq!(lane.command(now, Ticket(1), AXIS, bare), Err(Unsupported::BadArgument));
+    let missing = Unsupported::MissingArgument(Argument::Velocity);
+    assert_eq!(lane.command(now, Ticket(1), AXIS, bare), Err(missing));
     let home = Command::new(Verb::Home);
     assert_eq!(lane.command(now, Ticket(1), AXIS, home), Err(Unsupported::NoPlan));
     assert_eq!(
