@@ -4,8 +4,9 @@ import termios
 from pathlib import Path
 
 import pytest
-from conftest import polepair
+from conftest import end, occurs_within, polepair, start
 from modbus_motors import Az, Servo42d, Station, VfdEl
+from pymodbus.client import ModbusSerialClient
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 
@@ -141,3 +142,71 @@ def test_a_reversal_shows_the_direction_that_the_motor_has():
     assert "= 120 rpm" in bench.run("get", "output frequency").stdout
     bench.run("stop")
     bench.station.close()
+
+
+@pytest.fixture
+def started():
+    running = []
+
+    def sim(*words):
+        process, url = start(*words)
+        running.append(process)
+        return url
+
+    yield sim
+    for process in running:
+        end(process)
+
+
+@pytest.mark.parametrize("name", ["mks-servo42d", "oriental-az", "delta-vfd-el"])
+def test_the_simulated_drive_of_a_profile_obeys_it(name, started, tmp_path):
+    file, port = str(EXAMPLES / f"{name}.toml"), tmp_path / "port"
+    url = started("--profile", file, "--pty", str(port))
+    assert url == f"modbus-rtu+serial://{port}?profile={name}#1"
+    run = lambda verb, *words: polepair(verb, "--profile", file, url, *words).stdout
+    for speed in ("120rpm", "-120rpm"):
+        assert f"velocity reached = {speed.replace('rpm', ' rpm')}" in run("spin", "--for", "2s", speed)
+    if name != "delta-vfd-el":
+        assert "position = 1.5 turn" in run("move", "1.5turn", "--vel", "120rpm")
+        assert "position = 1 turn" in run("move", "-0.5turn", "--rel", "--vel", "120rpm")
+    run("spin", "--detach", "60rpm")
+    run("stop")
+
+
+def test_another_client_turns_the_simulated_drive_of_a_profile(started, tmp_path):
+    port = tmp_path / "port"
+    started("--profile", str(EXAMPLES / "delta-vfd-el.toml"), "delta-vfd-el:7", "--pty", str(port))
+    client = ModbusSerialClient(str(port), baudrate=9600, timeout=10, retries=0)
+    assert client.connect()
+    read = lambda address: client.read_holding_registers(address, count=1, device_id=7)
+    write = lambda address, value: client.write_register(address, value, device_id=7)
+    write(0x2001, 1000)
+    assert read(0x2103).registers == [0]
+    write(0x2000, 0x22)
+    # 10 Hz, backwards.
+    assert occurs_within(20, lambda: read(0x2103).registers == [1000])
+    assert read(0x2101).registers[0] & 0x18 == 0x08
+    # A frequency that is written while it turns counts at once, as in the inverter.
+    write(0x2001, 500)
+    assert occurs_within(20, lambda: read(0x2103).registers == [500])
+    write(0x2000, 1)
+    assert occurs_within(20, lambda: read(0x2103).registers == [0])
+    assert read(0x2200).exception_code == 2
+    assert write(0x2001, 6000).exception_code == 3
+    assert write(0x2103, 1).exception_code == 2
+    client.close()
+
+
+def test_own_profiles_stand_in_racks_and_connection_strings(tmp_path):
+    rack = tmp_path / "cell.toml"
+    file = EXAMPLES / "delta-vfd-el.toml"
+    rack.write_text(
+        f"[[link]]\nname = 'line'\n[[link.drive]]\nname = 'fan'\nprofile = '{file}'\naddress = 3\n"
+    )
+    for url in (f"sim:{rack}#fan", f"sim:{file}:4#4", f"sim:{file}#1"):
+        turned = polepair("spin", url, "--for", "2s", "-120rpm")
+        assert "velocity reached = -120 rpm" in turned.stdout, turned.stdout + turned.stderr
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text(file.read_text().replace("scale = 0.3", "scael = 0.3"))
+    refused = polepair("info", f"sim:{wrong}:1#1", check=False)
+    assert "did you mean `scale`?" in refused.stderr, refused.stderr

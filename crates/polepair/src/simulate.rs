@@ -43,7 +43,7 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
-pub(crate) use word::find_drive;
+pub(crate) use word::{find_drive, is_own_profile};
 pub use word::{is_drive, words};
 
 /// Drives on one simulated link at most.
@@ -275,7 +275,12 @@ impl RackDescription {
         addresses: &[Option<u32>],
         seed: u64,
     ) {
-        let wire = protocol.default_wire(addresses.len());
+        let mut wire = protocol.default_wire(addresses.len());
+        // A user's profile states the line of its drive.
+        let line = profile.line.filter(|_| protocol.network_port.is_none());
+        if let (RackWire::Serial(serial), Some(line)) = (&mut wire, line) {
+            serial.baud = Some(line.baud);
+        }
         let drive = |(n, address): (usize, &Option<u32>)| {
             let mut drive = RackDrive::new(profile, protocol.name);
             drive.standard = wire.standard().filter(|_| protocol.has_standards);
@@ -288,7 +293,7 @@ impl RackDescription {
             protocol: protocol.name,
             faults: SerialFaults::NONE,
             can_faults: CanFaults::default(),
-            baud: protocol.baud,
+            baud: line.map_or(protocol.baud, |line| line.baud),
             shared: false,
             timed: false,
             names: vec![String::new(); drives.len()],
@@ -384,7 +389,6 @@ impl RackDescription {
         let behind = self.links_behind(link).flat_map(|other| &self.rack.links[other].drives);
         let own =
             self.rack.links[link].drives.iter().filter(|drive| speaks_protocol(drive, protocol));
-        let drives = own.chain(behind);
         let rs485 = self.line_standard(link) == Some(proto::SerialStandard::Rs485);
         let wire = rs485.then(|| "wire=rs485".to_owned());
         let host = self.host_address(link, protocol).map(|host| format!("host={host}"));
@@ -399,10 +403,19 @@ impl RackDescription {
         } else {
             String::new()
         };
-        let keys: Vec<String> = wire.into_iter().chain(bit_rate).chain(host).collect();
+        // No reply distinguishes a drive of a user's profile from another one.
+        let drives: Vec<&RackDrive> = own.chain(behind).collect();
+        let mut profiles: Vec<_> = drives.iter().map(|drive| drive.profile).collect();
+        profiles.dedup_by_key(|profile| profile.name);
+        let profile = match profiles[..] {
+            [own] if is_own_profile(own) => Some(format!("profile={}", own.name)),
+            _ => None,
+        };
+        let keys: Vec<String> =
+            wire.into_iter().chain(bit_rate).chain(host).chain(profile).collect();
         let mark = if keys.is_empty() { "" } else { "?" };
         let addresses: Vec<String> =
-            drives.map(|drive| drive.address.unwrap_or(first).to_string()).collect();
+            drives.iter().map(|drive| drive.address.unwrap_or(first).to_string()).collect();
         let (keys, addresses) = (keys.join("&"), addresses.join(","));
         let place = protocol.url_at(location);
         format!("{place}{port_rate}{mark}{keys}#{addresses}")

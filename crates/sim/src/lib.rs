@@ -12,6 +12,7 @@ pub mod data_sheet;
 pub mod fault;
 pub mod host;
 pub mod node;
+pub mod profile_drive;
 pub mod rack;
 pub mod random;
 pub mod serial_line;

@@ -13,6 +13,7 @@ use std::sync::Arc;
 
 use crate::data_sheet::{self, DataSheet};
 use crate::node::{CAN_PORT, DriveNode, SERIAL_PORT, ScheduledAct, ScheduledActs, SimNode};
+use crate::profile_drive::ProfileDrive;
 use crate::serial_line::{Duplex, SerialWireConfig};
 use crate::world::{NodeId, WireId, World};
 
@@ -283,7 +284,18 @@ impl RackDrive {
         };
         let mut maker = RackDeviceBuilder { profile: self.profile, options, built: None };
         polepair_drives::visit_families(&mut maker);
-        maker.built.unwrap_or(Err(RackError::NoSuchDrive { profile: self.profile.name }))
+        maker.built.unwrap_or_else(|| self.profile_device(&options))
+    }
+
+    /// The drive of a user's profile.
+    fn profile_device(&self, options: &DeviceOptions<'_>) -> Result<Box<dyn SimNode>, RackError> {
+        if self.profile.protocol != ProfileDrive::PROTOCOL {
+            return Err(RackError::NoSuchDrive { profile: self.profile.name });
+        }
+        match ProfileDrive::new(self.profile, options) {
+            Ok(device) => Ok(Box::new(DriveNode(device))),
+            Err(option) => Err(self.option_error(option)),
+        }
     }
 
     /// The device of a data sheet, which knows of the options the serial number and, to be given a

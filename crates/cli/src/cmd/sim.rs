@@ -5,8 +5,8 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use polepair::AnyLink;
 use polepair::simulate::{self, DriveLine, RackDescription, WireDescription};
+use polepair::{AnyLink, load_profile};
 use polepair_core::medium::{Can, CanLine, Medium, MediumKind, Stream};
 use polepair_core::time::Instant;
 use polepair_link::serve::ServeThread;
@@ -38,10 +38,14 @@ Examples:
   polepair sim tmcl:1,2 --udp 239.74.163.2:43113   a CAN bus for python-can
   polepair sim tmcl+can --pty /tmp/adapter         a CAN bus behind a serial CAN adapter
   polepair sim canopen:5 --eds motor.eds           the object dictionary of a data sheet
+  polepair sim --profile my-drive.toml             a register bank that obeys an own profile
   polepair sim rack.toml --seed 7")]
 pub struct Sim {
     /// Rack file; or for each link a protocol or product, with addresses and options: tmcl:1,2?ends=none
-    #[arg(required = true, value_name = "RACK.toml|PROTO[:ADDRESS,…][?KEY=VALUE&…]")]
+    #[arg(
+        required_unless_present = "profile",
+        value_name = "RACK.toml|PROTO[:ADDRESS,…][?KEY=VALUE&…]"
+    )]
     drives: Vec<String>,
     /// Link PATH to the pseudo-terminal; repeat such options in the order of the links
     #[arg(long, value_name = "PATH")]
@@ -61,6 +65,9 @@ pub struct Sim {
     /// Object dictionary of the CANopen drives (EDS or DCF); the last file is used for all further links
     #[arg(long, value_name = "FILE")]
     eds: Vec<PathBuf>,
+    /// Own profile of a drive (Modbus), for a word with its name; without such a word it is the only drive
+    #[arg(long, value_name = "FILE")]
+    profile: Vec<PathBuf>,
     /// End switches of all stepper motors, in degrees, such as --ends=-3600..3600; without it there are none
     #[arg(long, value_name = "DEG..DEG", allow_hyphen_values = true)]
     ends: Option<String>,
@@ -157,7 +164,8 @@ impl Sim {
     }
 
     fn describe(&self) -> Result<RackDescription> {
-        let described = match &self.drives[..] {
+        let drives = self.drives_with_profiles()?;
+        let described = match &drives[..] {
             [file] if file.ends_with(".toml") => simulate::rack_of_file(Path::new(file), self.seed),
             words => {
                 let can = [&self.udp, &self.can, &self.socketcand];
@@ -176,6 +184,24 @@ impl Sim {
         let mut description = described.map_err(outcome::to_problem)?;
         self.apply_sheets(&mut description)?;
         Ok(description)
+    }
+
+    /// The words of the drives, with the file in place of the name of an own profile.
+    fn drives_with_profiles(&self) -> Result<Vec<String>> {
+        let mut files = Vec::new();
+        for file in &self.profile {
+            let profile = load_profile(file).map_err(|error| outcome::to_problem(error.into()))?;
+            files.push((profile.name, file.display().to_string()));
+        }
+        if self.drives.is_empty() {
+            return Ok(files.into_iter().map(|(_, file)| file).collect());
+        }
+        let with_file = |word: &String| {
+            let name = word.split([':', '?']).next().unwrap_or_default();
+            let own = files.iter().find(|(own, _)| *own == name);
+            own.map_or_else(|| word.clone(), |(_, file)| word.replacen(name, file, 1))
+        };
+        Ok(self.drives.iter().map(with_file).collect())
     }
 
     /// Foreign programs meet modules as they come: without end switches, and alone on their USB.

@@ -222,7 +222,8 @@ fn rack_line(
                 name: name.to_owned(),
                 mounting: mounting.clone(),
                 steps,
-                profile: is_file.then(|| (drive.profile, wire.location.clone())),
+                profile: (is_file || simulate::is_own_profile(drive.profile))
+                    .then(|| (drive.profile, wire.location.clone())),
             };
             let steps = wire.steps[at];
             let mut axes = vec![(address, entry(&wire.names[at], &wire.mountings[at], steps))];

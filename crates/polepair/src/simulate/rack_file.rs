@@ -133,7 +133,19 @@ const FAULT_KEYS: [&str; 15] = [
 /// # Errors
 /// [`Error::File`] with file, line, column and reason.
 pub fn rack_of_file(path: &Path, seed: u64) -> Result<RackDescription, Error> {
-    rack_of_text(&path.display().to_string(), &read_text(path)?, seed)
+    let text = read_text(path)?;
+    let file = path.display().to_string();
+    if is_profile(&text) {
+        return super::rack_of_words(&[&file], seed);
+    }
+    rack_of_text(&file, &text, seed)
+}
+
+/// Returns whether a file is a drive's profile instead of a rack: it means a rack with that drive alone.
+fn is_profile(text: &str) -> bool {
+    let table = toml::de::DeTable::parse(text);
+    let is_key = |key: &str| key == "plans" || key == "parameter";
+    table.is_ok_and(|table| table.get_ref().keys().any(|key| is_key(key.get_ref())))
 }
 
 /// Reads a rack from text; `file` is its name in complaints.
@@ -235,9 +247,10 @@ fn read_link(
     };
     let (requested, wire, shared) = match protocol.medium {
         MediumKind::Serial => {
-            let (serial, shared) =
-                read_serial(node, baud_setting("baud", node)?, &protocol, drives.len())?;
-            (baud_setting("baud", node)?, RackWire::Serial(serial), shared)
+            let factory = drives.iter().find_map(|drive| drive.profile.line).map(|line| line.baud);
+            let baud = baud_setting("baud", node)?.or(factory);
+            let (serial, shared) = read_serial(node, baud, &protocol, drives.len())?;
+            (baud, RackWire::Serial(serial), shared)
         }
         MediumKind::Can => {
             let bit_rate = baud_setting("bitrate", node)?;
@@ -488,7 +501,12 @@ fn read_drive(
     let word = node.required_text("profile")?;
     let location = word.location.clone();
     let kind = protocol.as_ref().map(|protocol| protocol.medium).or(kind);
+    let folder = Path::new(node.location().file()).parent().map(Path::to_path_buf);
     let (profile, info) = word.try_map(|word| {
+        if word.ends_with(".toml") {
+            let file = folder.unwrap_or_default().join(word);
+            return find_drive(&file.display().to_string()).map_err(|e| e.to_string());
+        }
         let on = match kind.filter(|_| !word.contains('+')) {
             None => "",
             Some(MediumKind::Serial) => "+serial",

@@ -220,10 +220,12 @@ impl Bank {
             .collect();
         let is_meant = |id: ParameterId| {
             let parameter = self.parameter(id);
-            let alone = parameter.index == start && width(parameter) == words.len();
-            parameter.access == Access::ReadWrite
-                || meant.contains(&id)
-                || meant.is_empty() && alone
+            let is_alone = parameter.index == start && width(parameter) == words.len();
+            match parameter.access {
+                Access::Read => false,
+                Access::ReadWrite => true,
+                Access::Write => meant.contains(&id) || meant.is_empty() && is_alone,
+            }
         };
         self.ids().filter(|id| is_meant(*id)).filter_map(covered).collect()
     }
@@ -261,7 +263,7 @@ impl Bank {
         }
     }
 
-    /// Does what the request is the trigger of.
+    /// Carries out the verb whose trigger the request is.
     fn obey(&mut self, written: &[(ParameterId, i64)]) {
         let in_request = |(id, value): &(ParameterId, Written)| {
             written.iter().any(|(other, raw)| other == id && value.allows(*raw))
@@ -370,7 +372,7 @@ impl Bank {
         parameter.encoding.raw(si / magnitude)
     }
 
-    /// What a signal measures, in SI; `None` for what the caller sets.
+    /// Measured value of a signal, in SI; `None` for one that the host sets.
     fn measured(&self, signal: Signal) -> Option<f64> {
         let shaft = &self.shaft;
         Some(match signal {

@@ -1,4 +1,4 @@
-//! What the requests of a profile's plans mean.
+//! The meaning of the requests that a profile's plans send.
 
 use polepair_core::plan::{Argument, Compare, Operand, ParameterTest, Plan, Step};
 use polepair_core::profile::{ParameterId, Profile, Signal};
@@ -11,9 +11,9 @@ pub(super) enum Written {
     Constant(i64),
     /// These bits.
     Bits { mask: i64, raw: i64 },
-    /// What the caller asked for.
+    /// The argument of the command.
     Argument(Argument),
-    /// Whatever: the motor does not depend on it.
+    /// Any value: the motor does not depend on it.
     Anything,
 }
 
@@ -36,9 +36,9 @@ impl Written {
 #[derive(Clone, Debug)]
 pub(super) struct Trigger {
     pub verb: Verb,
-    /// What is written before the trigger, in order.
+    /// Writes before the trigger, in order.
     pub before: Vec<(ParameterId, Written)>,
-    /// What starts it: the writes of one request.
+    /// The writes of the request that starts it.
     pub request: Vec<(ParameterId, Written)>,
     /// True if the argument is negative on this way, where the way depends on it.
     pub is_negative: Option<bool>,
@@ -115,7 +115,7 @@ fn walk(
             _ => {}
         }
     }
-    // What belongs to no drive's state is no trigger: a bit that is taken back at the end of a stop.
+    // The end of a stop only takes a bit back.
     let at = match plan.verb {
         Verb::Stop | Verb::QuickStop => plan.before_wait(),
         _ => plan.steps,
