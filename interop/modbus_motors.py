@@ -167,6 +167,57 @@ class Az:
         return True
 
 
+class Zlac8015d:
+    """ZLTECH ZLAC8015D: two motors behind one address, with one control word and one operating mode."""
+
+    def __init__(self):
+        self.motors = [Motor(), Motor()]
+        self.words = {0x200D: 0, 0x200E: 0, 0x200F: 0}
+        self.words.update({address: 0 for address in range(0x2080, 0x2092)})
+        self.faults, self.enabled = [0, 0], False
+
+    @property
+    def motor(self):
+        """Both motors, for a station that lets time pass."""
+        return self
+
+    def advance(self):
+        for motor in self.motors:
+            motor.advance()
+
+    def read(self, function, start, count):
+        words = dict(self.words)
+        for n, motor in enumerate(self.motors):
+            counts = round(motor.position * COUNTS) & 0xFFFF_FFFF
+            words[0x20A5 + n], words[0x20AB + n] = self.faults[n], round(10 * motor.speed) & 0xFFFF
+            words[0x20A7 + 2 * n], words[0x20A8 + 2 * n] = counts >> 16, counts & 0xFFFF
+        wanted = [words.get(start + n) for n in range(count)]
+        return wanted if function == 3 and None not in wanted else None
+
+    def write(self, start, words):
+        if any(start + n not in self.words for n in range(len(words))):
+            return False
+        self.words.update((start + n, word) for n, word in enumerate(words))
+        control = words[0] if start == 0x200E else None
+        if control == 6:
+            self.faults = [0, 0]
+        elif control in (5, 7):
+            self.enabled = False
+        elif control == 8:
+            self.enabled = not any(self.faults)
+        for n, motor in enumerate(self.motors):
+            speed = struct.unpack(">h", struct.pack(">H", self.words[0x2088 + n]))[0]
+            if not self.enabled:
+                motor.run(0)
+            elif self.words[0x200D] == 3:
+                motor.run(speed)
+            elif control == 0x11 + n or control == 0x10:
+                way = signed32(self.words[0x208A + 2 * n], self.words[0x208B + 2 * n]) / COUNTS
+                relative = self.words[0x200D] == 1
+                motor.go(way + (motor.position if relative else 0), self.words[0x208E + n])
+        return True
+
+
 class Station(threading.Thread):
     """A drive at address 1 of a pseudo-terminal."""
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from conftest import end, occurs_within, polepair, start
-from modbus_motors import Az, Servo42d, Station, VfdEl
+from modbus_motors import Az, Servo42d, Station, VfdEl, Zlac8015d
 from pymodbus.client import ModbusSerialClient
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
@@ -210,3 +210,52 @@ def test_own_profiles_stand_in_racks_and_connection_strings(tmp_path):
     wrong.write_text(file.read_text().replace("scale = 0.3", "scael = 0.3"))
     refused = polepair("info", f"sim:{wrong}:1#1", check=False)
     assert "did you mean `scale`?" in refused.stderr, refused.stderr
+
+
+@pytest.fixture(params=["fake", "simulated"])
+def two_motors(request, started, tmp_path):
+    """A function that runs a verb on motors of a ZLAC8015D, by the maker's description or by the profile."""
+    file, station = str(EXAMPLES / "zlac8015d.toml"), None
+    if request.param == "fake":
+        station = Station(Zlac8015d())
+        port = station.path
+    else:
+        port = tmp_path / "port"
+        assert started("--profile", file, "--pty", str(port)).endswith("?profile=zlac8015d#1")
+    url = f"modbus-rtu+serial://{port}?profile=zlac8015d&timeout=3000"
+
+    def run(verb, axes, *words, check=True):
+        return polepair(verb, "--profile", file, f"{url}#{axes}", *words, check=check)
+
+    yield run
+    if station:
+        station.close()
+
+
+def speeds(two_motors):
+    shown = two_motors("get", "1,1.2", "actual speed").stdout
+    return [float(line.split("=")[1].split()[0]) for line in shown.splitlines()]
+
+
+def test_two_motors_behind_one_address_turn_alone_and_together(two_motors):
+    both = two_motors("spin", "1,1.2", "--for", "2s", "60rpm").stdout
+    assert both.count("velocity reached = 60 rpm") == 2, both
+    two_motors("spin", "1.2", "--detach", "-60rpm")
+    assert occurs_within(20, lambda: abs(speeds(two_motors)[1] + 60) < 1)
+    assert speeds(two_motors)[0] == 0
+    # The left motor's move needs another mode, so its speed is taken while the right one turns.
+    two_motors("spin", "1", "--detach", "30rpm")
+    assert occurs_within(20, lambda: all(abs(a - b) < 1 for a, b in zip(speeds(two_motors), (30, -60))))
+    two_motors("stop", "1.2")
+    assert occurs_within(20, lambda: all(abs(a - b) < 1 for a, b in zip(speeds(two_motors), (30, 0))))
+    two_motors("stop", "1")
+    assert speeds(two_motors) == [0, 0]
+
+
+def test_two_motors_behind_one_address_have_their_own_targets(two_motors):
+    two_motors("move", "1", "1turn", "--vel", "120rpm")
+    two_motors("move", "1.2", "-0.5turn", "--vel", "120rpm")
+    shown = two_motors("get", "1,1.2", "actual position").stdout.splitlines()
+    positions = [float(line.split("=")[1].split()[0]) for line in shown]
+    assert all(abs(a - b) < 0.01 for a, b in zip(positions, (1, -0.5))), positions
+    assert two_motors("info", "1.3", check=False).returncode == 2

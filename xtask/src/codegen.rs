@@ -315,7 +315,7 @@ impl Emitter {
         let _ = write!(
             self.text,
             "/// {title}.\n#[rustfmt::skip]\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
-             protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, motors: {}, \
+             protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, motors: {}, further_motors: &[], \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
              motion: {motion}, identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
              optional: &[{optional}], \

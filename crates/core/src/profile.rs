@@ -38,6 +38,8 @@ pub struct Profile {
     pub axis: AxisKind,
     /// Motors behind one address; 0 where that is not known.
     pub motors: u8,
+    /// The profiles of the motors behind the first, where each has registers of its own.
+    pub further_motors: &'static [&'static Self],
     /// Named settings and readings. A [`ParameterId`] is an index into this table.
     pub parameters: &'static [Parameter],
     /// Faults and warnings in words.
@@ -89,6 +91,13 @@ const fn is_equal(one: &str, other: &str) -> bool {
 }
 
 impl Profile {
+    /// The profile of a motor behind the same address, counted from 0.
+    #[must_use]
+    pub fn of_motor(&'static self, number: u8) -> &'static Self {
+        let further = number.checked_sub(1).and_then(|n| self.further_motors.get(usize::from(n)));
+        further.unwrap_or(&self)
+    }
+
     /// The parameter of that id.
     #[must_use]
     pub fn parameter(&self, id: ParameterId) -> Option<&'static Parameter> {

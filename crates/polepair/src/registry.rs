@@ -142,7 +142,16 @@ impl ProtocolInfo {
     }
 
     /// Refuses an axis of a drive that the protocol has not.
-    /// Where the same drives have a protocol of their own on TCP: that the server may be one of it.
+    /// The profile of an axis, of the drive's: motors behind one address may have registers of their own.
+    pub(crate) fn profile_of_axis(
+        &self,
+        profile: &'static Profile,
+        number: u32,
+    ) -> &'static Profile {
+        profile.of_motor(proto::sub_axis(number).saturating_sub(*self.sub_axes.start()))
+    }
+
+    /// A hint that a serial server may be one of the protocol that the same drives have on TCP; empty for none.
     pub(crate) fn network_twin_hint(&self) -> String {
         let twin = protocols()
             .into_iter()

@@ -80,6 +80,7 @@ impl DetectedDrive {
         profile: &'static Profile,
     ) -> Self {
         let (protocol, identified) = (line.protocol.name, Identification::Named);
+        let profile = line.protocol.profile_of_axis(profile, number);
         let (clash, ignores_address, details) = (None, false, Vec::new());
         Self { number, protocol, profile, identified, clash, ignores_address, details }
     }
@@ -101,7 +102,7 @@ impl ProtocolLine {
         let found = |number: u32| DetectedDrive {
             number,
             identified: one.identified.clone(),
-            ..DetectedDrive::with_known_profile(self, one.number, one.profile)
+            ..DetectedDrive::with_known_profile(self, number, one.profile)
         };
         if known > 0 {
             return Ok(numbers.map(found).collect());

@@ -378,6 +378,10 @@ impl<'t, 'a> TomlTable<'t, 'a> {
     }
 
     /// True when `key` holds a table rather than a plain value.
+    pub(crate) fn is_list(&self, key: &str) -> bool {
+        self.get(key).is_some_and(|value| value.get_ref().is_array())
+    }
+
     pub(crate) fn is_table(&self, key: &str) -> bool {
         self.get(key).is_some_and(|value| value.get_ref().is_table())
     }

@@ -6,6 +6,7 @@
 //! manual and the drive can show.
 
 mod device;
+mod motor;
 mod triggers;
 
 pub use device::ProfileDrive;

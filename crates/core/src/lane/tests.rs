@@ -80,6 +80,7 @@ static PROFILE: Profile = Profile {
     source: "",
     axis: AxisKind::Rotary,
     motors: 0,
+    further_motors: &[],
     parameters: PARAMETERS,
     faults: &[],
     signals: &[SignalSource {

@@ -67,6 +67,9 @@ impl Connector {
             });
             check_motor(*number, line, found[at].0)?;
         }
+        for ((profile, _), number) in found.iter_mut().zip(&line.axis_numbers) {
+            *profile = line.protocol.profile_of_axis(profile, *number);
+        }
         let steps = url.number("steps")?;
         for ((profile, _), entry) in found.iter_mut().zip(&line.entries) {
             let steps = entry.steps.map(u64::from).or(steps);

@@ -108,11 +108,11 @@ impl LineConfig {
         found: &DetectedDrive,
         entry: &RackEntry,
     ) -> Result<&'static Profile, Error> {
-        match &entry.profile {
-            None => Ok(found.profile),
-            Some((expected, _)) if std::ptr::eq(*expected, found.profile) => Ok(found.profile),
-            Some((expected, _)) if expected.identity.is_none() => Ok(expected),
-            Some((expected, location)) => {
+        let Some((drive, location)) = &entry.profile else { return Ok(found.profile) };
+        match self.protocol.profile_of_axis(drive, found.number) {
+            expected if std::ptr::eq(expected, found.profile) => Ok(expected),
+            expected if expected.identity.is_none() => Ok(expected),
+            expected => {
                 let reason = format!("the device at {} is no `{}`", found.number, expected.name);
                 let error = location.as_ref().map(|location| location.error(&reason).into());
                 Err(error.unwrap_or_else(|| Error::usage("E213", reason, "")))

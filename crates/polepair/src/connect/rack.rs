@@ -133,8 +133,13 @@ pub(super) fn identify_expected(
     location: Option<&FileLocation>,
 ) -> Result<(&'static Profile, Identification), Error> {
     let (found, identified) = prober.identify(number)?;
-    if std::ptr::eq(found, profile) || profile.identity.is_none() {
+    if std::ptr::eq(found, profile) {
         return Ok((profile, identified));
+    }
+    // No reply can identify it: it is what the rack names.
+    if profile.identity.is_none() {
+        let how = if identified.is_generic() { Identification::Named } else { identified };
+        return Ok((profile, how));
     }
     let reason = format!(
         "the device at {number} is no `{}`: `polepair scan` finds what is \

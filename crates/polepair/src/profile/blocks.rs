@@ -9,6 +9,7 @@
 //! ```
 
 use super::draft::DraftStep;
+use super::motors::MotorChoice;
 use super::step;
 use crate::spelling;
 use crate::toml_file::{FileError, Located, TomlTable};
@@ -20,12 +21,15 @@ pub(super) type Fragment = (String, Vec<Located<String>>);
 const DEPTH_MAX: usize = 8;
 
 /// Reads the fragments of a profile.
-pub(super) fn read_fragments(node: &TomlTable<'_, '_>) -> Result<Vec<Fragment>, FileError> {
+pub(super) fn read_fragments(
+    node: &TomlTable<'_, '_>,
+    motor: MotorChoice,
+) -> Result<Vec<Fragment>, FileError> {
     let Some(table) = node.table("fragments", &[])? else { return Ok(Vec::new()) };
     table
         .keys()
         .into_iter()
-        .map(|key| Ok((key.value.to_owned(), table.texts(key.value)?)))
+        .map(|key| Ok((key.value.to_owned(), motor.choose_all(table.texts(key.value)?)?)))
         .collect()
 }
 

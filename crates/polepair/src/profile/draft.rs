@@ -30,6 +30,8 @@ pub(crate) struct Draft {
     pub(crate) source: String,
     pub(crate) axis: AxisKind,
     pub(crate) motors: u8,
+    /// The profiles of the motors behind the first one, where they are not at its places.
+    pub(crate) further_motors: Vec<&'static Profile>,
     pub(crate) reply_timeout_ms: u32,
     pub(crate) multiple_writes: bool,
     pub(crate) line: Option<SerialLine>,
@@ -276,6 +278,7 @@ impl Draft {
             source: profile.source.into(),
             axis: profile.axis,
             motors: profile.motors,
+            further_motors: Vec::new(),
             reply_timeout_ms: profile.reply_timeout_ms,
             multiple_writes: profile.multiple_writes,
             line: profile.line,

@@ -30,8 +30,10 @@ mod digits;
 pub(crate) mod draft;
 mod memory_map;
 mod missing_parameters;
+mod motors;
 mod read;
 mod resolve;
+mod scale;
 mod serial_line;
 mod setup;
 mod signals;
@@ -73,6 +75,9 @@ pub fn generic_profile(protocol: &str) -> Option<&'static Profile> {
 /// Different profiles that one process reads at most: each stays in memory for good.
 pub const PROFILES_MAX: usize = 256;
 
+/// The protocol whose motors differ by the places of their registers.
+const REGISTER_PROTOCOL: &str = "modbus";
+
 /// Profiles that may extend one another in a row.
 const EXTENDS_MAX: usize = 8;
 
@@ -85,7 +90,7 @@ const FILE_MAX: u64 = 4 << 20;
 /// # Errors
 /// [`FileError`] with line, column and reason; or that [`PROFILES_MAX`] are read already.
 pub fn parse(file: &str, text: &str) -> Result<&'static Profile, FileError> {
-    intern_profile(&BaseProfiles { folder: None }.read_draft(file, text, 0)?)
+    read_profile(file, text, None)
 }
 
 /// Reads a profile file, or the set-up of a TML drive.
@@ -95,7 +100,31 @@ pub(crate) fn load_own_file(path: &Path) -> Result<&'static Profile, FileError> 
     }
     let text = read_text(path)?;
     let folder = path.parent().map(Path::to_path_buf);
-    intern_profile(&BaseProfiles { folder }.read_draft(&path.display().to_string(), &text, 0)?)
+    read_profile(&path.display().to_string(), &text, folder)
+}
+
+/// Reads a profile, once for each of its motors where one address has several.
+fn read_profile(
+    file: &str,
+    text: &str,
+    folder: Option<PathBuf>,
+) -> Result<&'static Profile, FileError> {
+    let mut bases = BaseProfiles { folder, motor: 0 };
+    let mut draft = bases.read_draft(file, text, 0)?;
+    // Elsewhere the motor is a field of each request.
+    if draft.protocol == REGISTER_PROTOCOL {
+        let first = format!("{draft:?}");
+        for motor in 1..usize::from(draft.motors) {
+            bases.motor = motor;
+            let further = bases.read_draft(file, text, 0)?;
+            if format!("{further:?}") == first {
+                let reason = "`motors` needs a list: `index = [0x2088, 0x2089]` is one for each";
+                return Err(draft.location.error(reason));
+            }
+            draft.further_motors.push(intern_profile(&further)?);
+        }
+    }
+    intern_profile(&draft)
 }
 
 /// Reads a text file of bounded size.
@@ -129,11 +158,13 @@ pub(crate) fn intern_profile(draft: &Draft) -> Result<&'static Profile, FileErro
 /// Search path of the profile that another extends.
 struct BaseProfiles {
     folder: Option<PathBuf>,
+    /// The motor whose profile is read, counted from 0.
+    motor: usize,
 }
 
 impl BaseProfiles {
     fn read_draft(&self, file: &str, text: &str, depth: usize) -> Result<Draft, FileError> {
-        read::read_draft(file, text, &mut |name| self.find_base(name, depth + 1))
+        read::read_draft(file, text, self.motor, &mut |name| self.find_base(name, depth + 1))
     }
 
     fn find_base(&self, name: &Located<String>, depth: usize) -> Result<Draft, FileError> {

@@ -3,20 +3,18 @@
 use super::digits::read_values;
 use super::draft::{
     Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan, DraftRam,
-    DraftWatchdog, ENTRIES_MAX, ParameterName,
+    DraftWatchdog, ENTRIES_MAX,
 };
+use super::motors::MotorChoice;
+use super::scale::{ScaleParts, read_scale};
 use super::watchdog::read_watchdog;
-use super::{bits, blocks, digits, memory_map, signals, step};
+use super::{bits, blocks, digits, memory_map, signals};
 use crate::toml_file::{FileError, Located, SourceText, TomlTable};
 use crate::{registry, spelling};
 use polepair_core::axis::Verb;
 use polepair_core::convert::saturating;
-use polepair_core::plan::ParameterTest;
-use polepair_core::profile::{
-    Access, AxisKind, Certainty, Encoding, Persistence, ScaleRule, Severity,
-};
+use polepair_core::profile::{Access, AxisKind, Certainty, Encoding, Persistence, Severity};
 use polepair_core::units::Unit;
-use polepair_drives::scale_rules;
 use std::collections::HashSet;
 
 const KEYS: [&str; 27] = [
@@ -169,10 +167,11 @@ const CERTAINTIES: [(&str, Certainty); 3] = [
 const SEVERITIES: [(&str, Severity); 3] =
     [("note", Severity::Note), ("warning", Severity::Warning), ("fault", Severity::Fault)];
 
-/// Reads a profile. `base` gives the draft of the profile that this one extends.
+/// Reads a profile for one of its motors, counted from 0. `base` gives the draft of the profile that this one extends.
 pub(crate) fn read_draft(
     file: &str,
     text: &str,
+    number: usize,
     base: &mut dyn FnMut(&Located<String>) -> Result<Draft, FileError>,
 ) -> Result<Draft, FileError> {
     SourceText::new(file, text).parse(&KEYS, |node| {
@@ -186,7 +185,8 @@ pub(crate) fn read_draft(
         }
         shift_registers(&mut draft, &node)?;
         read_head(&mut draft, &node)?;
-        let file = ProfileReader { dialect: find_dialect(&node, &draft.protocol)? };
+        let motor = MotorChoice { number, count: draft.motors.max(1).into() };
+        let file = ProfileReader { dialect: find_dialect(&node, &draft.protocol)?, motor };
         // The map first, because the parameters of the file are laid over it.
         if let Some(map) = node.text("map")? {
             memory_map::apply_map(&mut draft, &map)?;
@@ -196,7 +196,7 @@ pub(crate) fn read_draft(
         file.read_faults(&mut draft, &node)?;
         signals::read_signals(&mut draft, &node)?;
         signals::read_motion(&mut draft, &node)?;
-        read_plans(&mut draft, &node)?;
+        read_plans(&mut draft, &node, motor)?;
         Ok(draft)
     })
 }
@@ -214,6 +214,7 @@ fn new_draft(node: &TomlTable<'_, '_>) -> Result<Draft, FileError> {
         axis: AxisKind::Rotary,
         motors: 0,
         reply_timeout_ms: 100,
+        further_motors: Vec::new(),
         multiple_writes: false,
         line: None,
         caution: String::new(),
@@ -421,6 +422,7 @@ fn required_word(key: &str, range: &TomlTable<'_, '_>) -> Result<i64, FileError>
 
 struct ProfileReader {
     dialect: &'static Dialect,
+    motor: MotorChoice,
 }
 
 /// Name and symbol of an entry as they are compared.
@@ -481,9 +483,7 @@ impl ProfileReader {
         let encoding =
             optional_choice(table, "encoding", &ENCODINGS)?.unwrap_or(self.dialect.encoding);
         let (min_value, max_value) = encoding.raw_range();
-        let index = table.required_integer("index")?.try_map(|n| {
-            u16::try_from(n).map_err(|_| format!("`index` is {n}; it must be 0 to 65535"))
-        })?;
+        let index = self.motor.read_index(table)?;
         let ScaleParts { factor, times, over, rule, negative } = read_scale(table)?;
         Ok(DraftParameter {
             location: table.location(),
@@ -614,39 +614,6 @@ fn read_unit(table: &TomlTable<'_, '_>) -> Result<Unit, FileError> {
     found.try_map(|word| parse_choice(&word, &Unit::ALL.map(|unit| (unit.symbol(), unit))))
 }
 
-/// Parts of a scale.
-struct ScaleParts {
-    factor: f64,
-    times: Option<ParameterName>,
-    over: Option<ParameterName>,
-    rule: Option<&'static ScaleRule>,
-    negative: Option<(ParameterName, ParameterTest)>,
-}
-
-fn read_scale(table: &TomlTable<'_, '_>) -> Result<ScaleParts, FileError> {
-    let words = scale_rules().map(|rule| (rule.name, rule));
-    let keys = ["factor", "times", "over", "rule", "negative"];
-    let node = if table.is_table("scale") { table.table("scale", &keys)? } else { None };
-    let factor = match &node {
-        Some(node) => node.float("factor")?,
-        None => table.float("scale")?,
-    };
-    let factor = factor.map(|found| {
-        found.try_map(|f| if f == 0.0 { Err("a scale cannot be 0".into()) } else { Ok(f) })
-    });
-    let factor = factor.transpose()?.unwrap_or(1.0);
-    let Some(node) = node else {
-        return Ok(ScaleParts { factor, times: None, over: None, rule: None, negative: None });
-    };
-    Ok(ScaleParts {
-        factor,
-        times: node.text("times")?,
-        over: node.text("over")?,
-        rule: optional_choice(&node, "rule", &words)?,
-        negative: node.text("negative")?.map(|test| step::parse_test(&test)).transpose()?,
-    })
-}
-
 fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {
     let code = table
         .required_integer("code")?
@@ -662,9 +629,13 @@ fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {
     })
 }
 
-fn read_plans(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
+fn read_plans(
+    draft: &mut Draft,
+    node: &TomlTable<'_, '_>,
+    motor: MotorChoice,
+) -> Result<(), FileError> {
     let names = Verb::ALL.map(Verb::name);
-    let fragments = blocks::read_fragments(node)?;
+    let fragments = blocks::read_fragments(node, motor)?;
     let Some(table) = node.table("plans", &names)? else {
         return blocks::check_used(&fragments, &[], node);
     };
@@ -672,11 +643,11 @@ fn read_plans(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileErr
     for verb in Verb::ALL.into_iter().filter(|verb| table.has(verb.name())) {
         let keys = ["source", "steps", "undo"];
         let Some(node) = table.table(verb.name(), &keys)? else { continue };
-        let steps = node.texts("steps")?;
+        let steps = motor.choose_all(node.texts("steps")?)?;
         if steps.is_empty() {
             return Err(node.location().error("a plan needs `steps`"));
         }
-        let undo = node.texts("undo")?;
+        let undo = motor.choose_all(node.texts("undo")?)?;
         let plan = DraftPlan {
             location: node.location(),
             verb,

@@ -493,7 +493,7 @@ fn useless_keys_are_refused_with_their_place() {
         ),
         (
             "name = \"two\"\nprotocol = \"modbus\"\nmotors = 2\n",
-            "3:10: `motors` is 2: on modbus an address has one",
+            "1:1: `motors` needs a list: `index = [0x2088, 0x2089]` is one for each",
         ),
         (
             "name = \"two\"\nprotocol = \"thruster\"\nmotors = 3\n",
@@ -545,7 +545,8 @@ steps = ["require state & 4 == 0 else Wait", "write speed = {velocity}"]
 steps = ["write torque = {torque}"]
 "#;
     let without = |names: &[&str]| {
-        let mut draft = BaseProfiles { folder: None }.read_draft("drive.toml", text, 0).unwrap();
+        let mut draft =
+            BaseProfiles { folder: None, motor: 0 }.read_draft("drive.toml", text, 0).unwrap();
         draft.parameters.retain(|p| !names.contains(&p.name.as_str()));
         remove_missing(&mut draft);
         resolve::resolve_profile(&draft).unwrap()

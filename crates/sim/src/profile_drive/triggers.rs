@@ -32,33 +32,40 @@ impl Written {
     }
 }
 
+/// The writes of one request.
+type Request = Vec<(ParameterId, Written)>;
+
 /// A way through a plan: its writes, and the sign of the argument for which it is taken.
 #[derive(Clone, Debug)]
 pub(super) struct Trigger {
     pub verb: Verb,
-    /// Writes before the trigger, in order.
-    pub before: Vec<(ParameterId, Written)>,
+    /// Writes before the trigger.
+    pub before: Request,
+    /// Writes that the plan makes only in some states of the drive.
+    pub conditional: Request,
     /// The writes of the request that starts it.
-    pub request: Vec<(ParameterId, Written)>,
+    pub request: Request,
     /// True if the argument is negative on this way, where the way depends on it.
     pub is_negative: Option<bool>,
 }
 
 impl Trigger {
-    /// Every write of it.
-    pub(super) fn writes(&self) -> impl Iterator<Item = &(ParameterId, Written)> {
-        self.before.iter().chain(&self.request)
+    /// Returns whether it makes all these writes.
+    pub(super) fn includes(&self, request: &Request) -> bool {
+        let all = || self.before.iter().chain(&self.conditional).chain(&self.request);
+        request.iter().all(|write| all().any(|own| own == write))
     }
 
     /// The parameter that carries an argument.
     pub(super) fn argument(&self, which: Argument) -> Option<ParameterId> {
         let carries = |(_, written): &&(ParameterId, Written)| *written == Written::Argument(which);
-        self.writes().find(carries).map(|(id, _)| *id)
+        self.before.iter().chain(&self.request).find(carries).map(|(id, _)| *id)
     }
 
-    /// Number of values that must be right: the most exact trigger is meant.
-    pub(super) fn exactness(&self) -> usize {
-        self.writes().filter(|(_, written)| written.is_fixed()).count()
+    /// Number of values that must be right, in the request and before it: the most exact trigger is meant.
+    pub(super) fn exactness(&self) -> (usize, usize) {
+        let fixed = |request: &Request| request.iter().filter(|(_, it)| it.is_fixed()).count();
+        (fixed(&self.request), fixed(&self.before))
     }
 }
 
@@ -92,44 +99,80 @@ fn walk(
     triggers: &mut Vec<Trigger>,
     reactions: &mut Vec<Reaction>,
 ) {
-    let mut requests: Vec<Vec<(ParameterId, Written)>> = Vec::new();
-    let mut steps = plan.steps.iter();
-    while let Some(step) = steps.next() {
+    let mut requests: Vec<(bool, Request)> = Vec::new();
+    // Steps of the open block, which is passed in some states only.
+    let (mut at, mut block_end) = (0, 0);
+    while let Some(step) = plan.steps.get(at) {
+        at += 1;
         match *step {
             Step::SkipBySign { if_negative, count, .. } if is_negative == Some(if_negative) => {
-                let _ = steps.by_ref().take(usize::from(count)).count();
+                at += usize::from(count);
+                continue;
             }
-            Step::Write(id, operand) => requests.push(vec![(id, written(operand))]),
-            Step::Ensure(id, raw) => requests.push(vec![(id, Written::Constant(raw))]),
-            Step::WriteBits { id, mask, raw } => {
-                requests.push(vec![(id, Written::Bits { mask, raw })]);
-            }
-            Step::WriteTogether(writes) => {
-                requests.push(writes.iter().map(|(id, operand)| (*id, written(*operand))).collect())
+            Step::Skip { count, .. } | Step::SkipIfMissing { count, .. } => {
+                block_end = block_end.max(at + usize::from(count));
+                continue;
             }
             Step::Require { read, test, .. } | Step::Until { read, test, .. } => {
-                let after = requests.last().and_then(|request| request.last()).copied();
+                let after = requests.last().and_then(|(_, request)| request.last()).copied();
                 let is_wait = matches!(step, Step::Until { .. });
                 reactions.push(Reaction { after: after.filter(|_| is_wait), shown_by: read, test });
+                continue;
             }
             _ => {}
         }
+        let request = request_of(step);
+        if !request.is_empty() {
+            requests.push((at <= block_end, request));
+        }
     }
-    // The end of a stop only takes a bit back.
-    let at = match plan.verb {
-        Verb::Stop | Verb::QuickStop => plan.before_wait(),
-        _ => plan.steps,
-    };
-    let sent = at.iter().filter(|step| step.may_change_drive()).count();
-    let skipped = plan.steps.iter().filter(|step| step.may_change_drive()).count() - requests.len();
-    requests.truncate(sent.saturating_sub(skipped).max(1));
-    let Some(request) = requests.pop() else { return };
-    let before = requests.into_iter().flatten().collect();
-    triggers.push(Trigger { verb: plan.verb, before, request, is_negative });
+    // A command that is taken back at the end of a pulse was given at its beginning.
+    while let Some((_, last)) = requests.last()
+        && requests[..requests.len() - 1].iter().any(|(_, request)| takes_back(last, request))
+    {
+        requests.pop();
+    }
+    let always = requests.iter().rposition(|(is_conditional, _)| !is_conditional);
+    let Some(trigger) = always.or(requests.len().checked_sub(1)) else { return };
+    let (_, request) = requests.remove(trigger);
+    let (mut before, mut conditional) = (Request::new(), Request::new());
+    for (is_conditional, writes) in requests {
+        // A register that is written again has another value by then.
+        before.retain(|(id, _)| !writes.iter().any(|(other, _)| other == id));
+        if is_conditional { &mut conditional } else { &mut before }.extend(writes);
+    }
+    before.retain(|(id, _)| !request.iter().any(|(other, _)| other == id));
+    triggers.push(Trigger { verb: plan.verb, before, conditional, request, is_negative });
     // Without an own flag nothing is read that the signals do not show.
     let signals =
         |id| profile.signals.iter().any(|s| s.parameter == id && s.signal != Signal::Mode);
     reactions.retain(|reaction| !(signals(reaction.shown_by) && reaction.test.mask == -1));
+}
+
+/// Returns whether a write only clears what an earlier one set.
+fn takes_back(last: &Request, earlier: &Request) -> bool {
+    let ([(id, last)], [(other, earlier)]) = (&last[..], &earlier[..]) else { return false };
+    let is_cleared = match (last, earlier) {
+        (Written::Constant(0), Written::Constant(set)) => *set != 0,
+        (Written::Bits { mask, raw: 0 }, Written::Bits { mask: other, raw }) => {
+            mask == other && *raw != 0
+        }
+        _ => false,
+    };
+    id == other && is_cleared
+}
+
+/// The writes of a step; none for one that writes no parameter.
+fn request_of(step: &Step) -> Request {
+    match *step {
+        Step::Write(id, operand) => vec![(id, written(operand))],
+        Step::Ensure(id, raw) => vec![(id, Written::Constant(raw))],
+        Step::WriteBits { id, mask, raw } => vec![(id, Written::Bits { mask, raw })],
+        Step::WriteTogether(writes) => {
+            writes.iter().map(|(id, operand)| (*id, written(*operand))).collect()
+        }
+        _ => Request::new(),
+    }
 }
 
 const fn written(operand: Operand) -> Written {

@@ -22,6 +22,7 @@ pub static GENERIC: Profile = Profile {
     source: "CiA 301",
     axis: AxisKind::Rotary,
     motors: 0,
+    further_motors: &[],
     parameters: &[
         Parameter {
             name: "device type",

@@ -13,7 +13,7 @@ use crate::axis::{AnswerDecoder, Driver, Refusal, RequestEncoder, WriteRules};
 use crate::error::{Failure, Unsupported};
 use crate::explain::RawFrame;
 use crate::profile::{AxisKind, MotionRules, Parameter, Profile, Watchdog};
-use crate::proto::GROUP;
+use crate::proto::{GROUP, sub_axis, with_sub_axis};
 use crate::station::RequestClass;
 
 /// Profile of an unknown Modbus drive.
@@ -25,6 +25,7 @@ pub static GENERIC: Profile = Profile {
     source: "MODBUS Application Protocol Specification V1.1b3",
     axis: AxisKind::Rotary,
     motors: 1,
+    further_motors: &[],
     parameters: &[],
     faults: &[],
     signals: &[],
@@ -46,6 +47,8 @@ pub static GENERIC: Profile = Profile {
 pub struct ModbusDriver {
     profile: &'static Profile,
     unit: u8,
+    /// The motor behind the unit; 0 where none is stated. Each has a profile of its own.
+    motor: u8,
 }
 
 impl ModbusDriver {
@@ -53,7 +56,7 @@ impl ModbusDriver {
     /// the broadcast.
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
-        Self { profile, unit: address as u8 }
+        Self { profile, unit: address as u8, motor: sub_axis(address) }
     }
 
     fn new_request(
@@ -240,7 +243,7 @@ impl Driver for ModbusDriver {
     }
 
     fn address(&self) -> u32 {
-        if self.is_group() { GROUP } else { u32::from(self.unit) }
+        if self.is_group() { GROUP } else { with_sub_axis(self.unit.into(), self.motor) }
     }
 
     /// Unit 0 is every station, and none of them answers (MSL 2.1).

@@ -62,6 +62,7 @@ macro_rules! protocol {
             // TS manual V2 §2.2: 1 to 127 on the drives known here; the standard
             // allows up to 247.
             const SCAN_ADDRESSES: core::ops::RangeInclusive<u32> = 1..=127;
+            const SUB_AXES: core::ops::RangeInclusive<u8> = 1..=8;
             const BROADCAST_ADDRESS: Option<u32> = Some(GROUP);
             const BROADCAST_NUMBER: Option<u32> = Some(wire::BROADCAST as u32);
             $($own)*

@@ -19,6 +19,7 @@ pub static GENERIC: Profile = Profile {
     source: "thruster protocol manual",
     axis: AxisKind::Rotary,
     motors: 1,
+    further_motors: &[],
     parameters: PARAMETERS,
     faults: &[],
     signals: &[

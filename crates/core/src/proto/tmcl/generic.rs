@@ -17,6 +17,7 @@ pub static GENERIC: Profile = Profile {
     source: "TMCL reference manuals",
     axis: AxisKind::Rotary,
     motors: 0,
+    further_motors: &[],
     parameters: PARAMETERS,
     faults: &[],
     signals: &[

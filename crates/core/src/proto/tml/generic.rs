@@ -18,6 +18,7 @@ pub static GENERIC: Profile = Profile {
     source: "TML communication manual, the vendor's help pages and library",
     axis: AxisKind::Rotary,
     motors: 1,
+    further_motors: &[],
     parameters: PARAMETERS,
     faults: &[],
     signals: &[

@@ -33,6 +33,7 @@ static PROFILE: Profile = Profile {
     source: "this file",
     axis: AxisKind::Rotary,
     motors: 1,
+    further_motors: &[],
     parameters: &[
         register("speed", COMMANDED, Access::ReadWrite),
         register("actual speed", ACTUAL, Access::Read),
