@@ -205,3 +205,32 @@ def test_stop_reaches_the_second_axis(odd, named):
     for one in [drive, drive.second]:
         assert one.old & 0x100 and one.values[0x60FF, 0] == 0, one.writes
     assert "axis 5.2" in told.stdout + told.stderr, told
+
+
+def test_doctor_lists_what_a_drive_lacks_of_its_profile(odd):
+    whole = polepair("doctor", odd().url)
+    assert "objects that its profile uses" in whole.stdout, whole.stdout
+    objects = {(0x6071, 0): 0, (0x6076, 0): 0, (0x6077, 0): 0, (0x6078, 0): 0, (0x6079, 0): 0, (0x1016, 1): 0}
+    drive = odd(without=[0x607A], objects=objects)
+    shown = polepair("doctor", drive.url, check=False).stdout
+    (line,) = [line for line in shown.splitlines() if "lacks" in line]
+    assert line.startswith("look") and "607Ah (target position)" in line, line
+    assert "there is no `move`;" in line, line
+    assert not drive.writes
+    # Nearly nothing fits: another drive.
+    far = polepair("doctor", odd(without=range(0x6060, 0x6600)).url, check=False).stdout
+    assert "is it this drive?" in far, far
+
+
+def test_settings_that_a_drive_lacks_are_listed_and_nothing_is_written(odd, tmp_path):
+    file = tmp_path / "settings.toml"
+    polepair("config", "save", odd().url, str(file))
+    drive = odd(without=[0x6083, 0x6084])
+    refused = polepair("config", "apply", drive.url, str(file), "--yes", check=False)
+    assert "lacks 2 of these" in refused.stderr, refused.stderr
+    assert "profile acceleration, profile deceleration; remove them, and `count`" in refused.stderr, refused.stderr
+    assert refused.returncode == 2 and not drive.writes, drive.writes
+    absent = ("profile acceleration", "profile deceleration", "count")
+    kept = [line for line in file.read_text().splitlines() if not any(word in line for word in absent)]
+    file.write_text("\n".join(kept))
+    polepair("config", "apply", drive.url, str(file), "--yes")

@@ -47,6 +47,7 @@ pub use cyclic::CyclicAxes;
 pub use data::{DATA_MAX, ParameterValue};
 pub use device_details::{DeviceDetail, summarize_details};
 pub use instructions::ProgramStatus;
+pub(crate) use instructions::is_refusal;
 pub use pending_writes::PendingWrites;
 pub use raw_text::RawRehearsal;
 pub use request::{PreparedCommand, RunningRequest};

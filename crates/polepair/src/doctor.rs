@@ -17,6 +17,7 @@
 mod bus;
 mod drive;
 mod machine;
+mod objects;
 mod serial;
 mod watchdog_proof;
 

@@ -21,6 +21,7 @@ mod process_data;
 
 use crate::amount::{Amount, Value, WriteValue};
 use crate::axis::{LocalAxis, PendingWrites};
+use crate::doctor::is_absent_error;
 use crate::eds::Eds;
 use crate::error::Error;
 use crate::identification::Identification;
@@ -480,7 +481,15 @@ impl AxisSettings {
                 format!("these are settings of {}, this is {}", self.profile, profile.name);
             return Err(self.location.error(reason).into());
         }
-        let wanted = self.raw_values(axis)?;
+        let wanted = match self.raw_values(axis) {
+            Ok(wanted) => wanted,
+            // A value may have no unit here because the drive lacks what it is scaled by.
+            Err(error) => {
+                let absent = self.absent_settings(axis)?;
+                return Err(self.absent_error(axis, &absent).unwrap_or(error));
+            }
+        };
+        let mut absent = Vec::new();
         let mut pending = PendingWrites::default();
         wanted.iter().for_each(|(id, raw)| pending.insert(*id, *raw));
         let mut changes = Vec::new();
@@ -490,6 +499,10 @@ impl AxisSettings {
             let now = match axis.read(id) {
                 // An entry that is not in use can be missing.
                 Err(error) if process_data::is_refused_entry(axis, id, &error) => 0,
+                Err(error) if is_absent_error(axis, &error) => {
+                    absent.push(id);
+                    continue;
+                }
                 now => now?,
             };
             if now != raw {
@@ -504,6 +517,9 @@ impl AxisSettings {
                 });
             }
         }
+        if let Some(error) = self.absent_error(axis, &absent) {
+            return Err(error);
+        }
         // A drive refuses an S-time of half a ramp or more: what becomes shorter comes before the ramps.
         let is_shorter = |change: &SettingChange| {
             let name = profile.parameter(change.id).map_or("", |parameter| parameter.name);
@@ -515,6 +531,36 @@ impl AxisSettings {
 }
 
 impl AxisSettings {
+    /// Settings whose objects the drive has not.
+    fn absent_settings(&self, axis: &LocalAxis) -> Result<Vec<ParameterId>, Error> {
+        let mut absent = Vec::new();
+        for setting in self.settings.iter().chain(&self.unnamed) {
+            let Ok(id) = setting.find_parameter(axis) else { continue };
+            match axis.read(id) {
+                Err(error) if is_absent_error(axis, &error) => absent.push(id),
+                Err(Error::Link(error)) => return Err(Error::Link(error)),
+                _ => {}
+            }
+        }
+        Ok(absent)
+    }
+
+    /// The error that lists them all, at the line of the first.
+    fn absent_error(&self, axis: &LocalAxis, absent: &[ParameterId]) -> Option<Error> {
+        let all = || self.settings.iter().chain(&self.unnamed);
+        let is_absent =
+            |setting: &&Setting| setting.find_parameter(axis).is_ok_and(|id| absent.contains(&id));
+        let first = all().find(is_absent)?;
+        let names: Vec<&str> = all().filter(is_absent).map(|it| it.name.value.as_str()).collect();
+        let reason = format!(
+            "the drive lacks {} of these {} settings: {}; remove them, and `count`",
+            names.len(),
+            self.len(),
+            names.join(", ")
+        );
+        Some(first.name.location.error(reason).into())
+    }
+
     /// Raw values of the drive once all settings are written, those that scale others first.
     fn raw_values(&self, axis: &LocalAxis) -> Result<Vec<(ParameterId, i64)>, Error> {
         let named = self

@@ -287,7 +287,7 @@ impl LocalAxis {
     }
 }
 
-fn is_refusal(error: &Error) -> bool {
+pub(crate) fn is_refusal(error: &Error) -> bool {
     // The memory ends where the module refuses to read.
     matches!(failure(error), Some(Failure::Refused { .. }))
 }

@@ -1,6 +1,7 @@
 //! Checks of a drive that replies: supply, temperature, faults, reaction to a lost link.
 
 use super::CheckResult;
+use super::objects::check_objects;
 use crate::amount::Value;
 use crate::axis::{LocalAxis, WatchdogState};
 use crate::error::{Error, Exit};
@@ -42,6 +43,8 @@ pub fn is_absent_error(axis: &LocalAxis, error: &Error) -> bool {
         "tmcl" => matches!(code, 2 | 3 | 4 | 6),
         // CiA 301: no such object, no such subindex.
         "canopen" => matches!(code, 0x0602_0000 | 0x0609_0011),
+        // Illegal data address (Modbus application protocol 1.1b3, chapter 7).
+        protocol if protocol.starts_with("modbus") => *code == 2,
         _ => false,
     }
 }
@@ -60,7 +63,8 @@ pub fn read_watchdog(axis: &LocalAxis) -> Result<WatchdogState, Error> {
 
 /// Looks at one drive, by reads.
 pub(super) fn check_drive(axis: &LocalAxis, on_event: &mut dyn FnMut(CheckResult)) {
-    let looks: [DriveCheck; 4] = [check_supply, check_temperature, check_faults, check_power];
+    let looks: [DriveCheck; 5] =
+        [check_objects, check_supply, check_temperature, check_faults, check_power];
     for query in looks {
         let about = axis.label();
         match query(axis, &about) {
