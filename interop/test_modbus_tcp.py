@@ -5,12 +5,13 @@ import json
 import socket
 import struct
 import subprocess
+from pathlib import Path
 
 import pytest
 from conftest import compiled, end, need, polepair, start
 from polepair_test_support import wait_until
 from pymodbus import FramerType
-from pymodbus.client import AsyncModbusTcpClient, ModbusTcpClient
+from pymodbus.client import AsyncModbusTcpClient, ModbusSerialClient, ModbusTcpClient
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from test_foreign_devices import Server
@@ -192,3 +193,23 @@ def test_a_capture_with_several_open_requests(drives, tmp_path):
     notices = [notice for line in ours for notice in line.get("notices", [])]
     ends = [notice["outcome"] for notice in notices if notice["notice"] == "exchange"]
     assert len(ends) == len(ours) // 2 and set(ends) == {"done"}, ends
+
+
+def test_one_request_writes_and_reads(tmp_path):
+    """Function 23, as host and as device."""
+    server = Server(lambda _: ModbusTcpServer(registers(1, list(range(50))), address=("127.0.0.1", 0)))
+    url = f"modbus-tcp://127.0.0.1:{server.port}#1"
+    sent = polepair("send", url, "--arm", "write 4 70 71 read 3 3")
+    # pymodbus reads what was written just before (MAP 6.17).
+    assert "register 0x0003 = 3, register 0x0004 = 70, register 0x0005 = 71" in sent.stdout, sent.stdout
+    server.close()
+
+    profile = Path(__file__).resolve().parents[1] / "docs" / "examples" / "delta-vfd-el.toml"
+    process, _ = start("--profile", str(profile), "--pty", str(tmp_path / "port"))
+    with ModbusSerialClient(str(tmp_path / "port"), timeout=10, retries=0) as client:
+        both = lambda **words: client.readwrite_registers(device_id=1, **words)
+        answer = both(read_address=0x2000, read_count=2, write_address=0x2001, values=[1234])
+        assert answer.registers == [0, 1234], answer
+        assert both(read_address=0x2200, read_count=1, write_address=0x2001, values=[5]).exception_code == 2
+        assert both(read_address=0x2000, read_count=1, write_address=0x2200, values=[5]).exception_code == 2
+    end(process)

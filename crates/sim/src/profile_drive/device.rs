@@ -104,7 +104,7 @@ impl Firmware for Bank {
     }
 
     fn supports(&self, function: Function) -> bool {
-        matches!(function.code(), 1..=6 | 15 | 16)
+        matches!(function.code(), 1..=6 | 15 | 16 | 23)
     }
 
     fn read_bits(

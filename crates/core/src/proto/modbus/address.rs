@@ -118,7 +118,9 @@ fn write(address: &ParameterAddress, out: &mut dyn core::fmt::Write) -> core::fm
 const fn function_space(function: Function) -> Option<Space> {
     match function {
         Function::WriteCoil | Function::WriteCoils => Some(Space::Coil),
-        Function::WriteRegister | Function::WriteRegisters => Some(Space::Holding),
+        Function::WriteRegister | Function::WriteRegisters | Function::ReadWriteRegisters => {
+            Some(Space::Holding)
+        }
         other => other.read_space(),
     }
 }

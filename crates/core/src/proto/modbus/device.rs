@@ -48,7 +48,7 @@ pub trait Firmware {
 
     /// Returns whether it supports a function; others are refused with exception 01.
     fn supports(&self, function: Function) -> bool {
-        !matches!(function, Function::Unknown(_))
+        !matches!(function, Function::Unknown(_) | Function::ReadWriteRegisters)
     }
 
     /// Most registers that one request of `function` may carry in `format`; more is refused with
@@ -546,6 +546,17 @@ fn execute<F: Firmware>(
             check_count(count, firmware.words_max(function, format))?;
             write_words(now, start, words, firmware)?;
             Ok(ReplyPdu::Wrote { coils: false, start, count }.emit(reply))
+        }
+        // No station answers a broadcast, and this one reads.
+        RequestPdu::ReadWriteRegisters { .. } if broadcast => Err(Exception::IllegalFunction),
+        RequestPdu::ReadWriteRegisters { read_start, read_count, start, words } => {
+            check_count(read_count, firmware.words_max(Function::ReadHoldingRegisters, format))?;
+            check_range(read_start, read_count)?;
+            // The write comes before the read (MAP 6.17).
+            write_words(now, start, words, firmware)?;
+            let len = read_words(now, Space::Holding, read_start, read_count, firmware, reply)?;
+            reply[0] = function.code();
+            Ok(len)
         }
         RequestPdu::Unknown { .. } => Err(Exception::IllegalFunction),
     }

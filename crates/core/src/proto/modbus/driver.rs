@@ -299,11 +299,12 @@ fn body_of_pdu(pdu: &RequestPdu<'_>) -> Option<RequestBody> {
             RequestBody::WriteCoils { start, count, bits }
         }
         RequestPdu::WriteRegisters { start, words: given } => {
-            let (pairs, _) = given.as_chunks::<2>();
-            let mut words = [0; WORDS_MAX];
-            let its = words.get_mut(..pairs.len())?;
-            its.iter_mut().zip(pairs).for_each(|(word, pair)| *word = u16::from_be_bytes(*pair));
-            RequestBody::WriteRegisters { start, count: pairs.len() as u8, words }
+            let (words, count) = held_words(given)?;
+            RequestBody::WriteRegisters { start, count, words }
+        }
+        RequestPdu::ReadWriteRegisters { read_start, read_count, start, words: given } => {
+            let (words, count) = held_words(given)?;
+            RequestBody::ReadWriteRegisters { read_start, read_count, start, count, words }
         }
         RequestPdu::Unknown { function: device_id::FUNCTION, data } => match *data {
             [device_id::MEI_TYPE, code, object] if code == device_id::access_code(object) => {
@@ -313,6 +314,15 @@ fn body_of_pdu(pdu: &RequestPdu<'_>) -> Option<RequestBody> {
         },
         RequestPdu::Unknown { .. } => return None,
     })
+}
+
+/// The words of a PDU, and how many they are; `None` for more than a request holds.
+fn held_words(given: &[u8]) -> Option<([u16; WORDS_MAX], u8)> {
+    let (pairs, _) = given.as_chunks::<2>();
+    let mut words = [0; WORDS_MAX];
+    let its = words.get_mut(..pairs.len())?;
+    its.iter_mut().zip(pairs).for_each(|(word, pair)| *word = u16::from_be_bytes(*pair));
+    Some((words, pairs.len() as u8))
 }
 
 fn body_of_text(parsed: &ParsedRequest) -> Option<RequestBody> {
@@ -341,7 +351,13 @@ fn body_of_text(parsed: &ParsedRequest) -> Option<RequestBody> {
         _ => {
             let mut words = [0; WORDS_MAX];
             words.copy_from_slice(&parsed.words[..WORDS_MAX]);
-            Some(RequestBody::WriteRegisters { start, count: count as u8, words })
+            let count = count as u8;
+            Some(match parsed.read {
+                None => RequestBody::WriteRegisters { start, count, words },
+                Some((read_start, read_count)) => {
+                    RequestBody::ReadWriteRegisters { read_start, read_count, start, count, words }
+                }
+            })
         }
     }
 }

@@ -5,6 +5,7 @@
 
 mod conversation;
 mod framing;
+mod layout;
 mod number_text;
 
 pub(super) use conversation::write_effect;
@@ -20,6 +21,7 @@ use crate::explain::{
     FrameBoundary, FrameConversation, FrameFormat, FrameRole, RawFrame, TextError,
 };
 use crate::profile::{Encoding, Parameter, Profile};
+use layout::FrameLayout;
 use number_text::{write_decimal, write_hex, write_scaled};
 
 /// Station that a text is encoded for when none is named: the factory's (TS manual V2 §2.2).
@@ -208,7 +210,13 @@ fn request_pdu<'a>(parsed: &text::ParsedRequest, data: &'a mut [u8; PDU_MAX]) ->
             for (pair, value) in data.as_chunks_mut::<2>().0.iter_mut().zip(values) {
                 *pair = value.to_be_bytes();
             }
-            RequestPdu::WriteRegisters { start, words: &data[..2 * values.len()] }
+            let words = &data[..2 * values.len()];
+            match parsed.read {
+                None => RequestPdu::WriteRegisters { start, words },
+                Some((read_start, read_count)) => {
+                    RequestPdu::ReadWriteRegisters { read_start, read_count, start, words }
+                }
+            }
         }
     }
 }
@@ -234,62 +242,6 @@ fn write_device_id(data: &[u8], sink: &mut dyn ExplainSink) -> bool {
         sink.text("\"");
     }
     true
-}
-
-/// Layout of the bytes of a frame on the wire.
-#[derive(Clone, Copy)]
-struct FrameLayout {
-    format: WireFormat,
-    /// Bytes of the check.
-    check_len: usize,
-}
-
-impl FrameLayout {
-    fn offset_of(self, byte: usize) -> u16 {
-        match self.format {
-            WireFormat::Rtu => byte as u16,
-            WireFormat::Ascii => (1 + 2 * byte) as u16,
-            // The unit is the last byte of the header.
-            WireFormat::Tcp => (tcp::HEADER_LEN - 1 + byte) as u16,
-        }
-    }
-
-    fn emit_field(
-        self,
-        sink: &mut dyn ExplainSink,
-        name: &'static str,
-        bytes: core::ops::Range<usize>,
-        value: FieldValue<'_>,
-        meaning: &'static str,
-    ) {
-        let (start, end) = (self.offset_of(bytes.start), self.offset_of(bytes.end));
-        sink.field(Field { name, start, end, value, meaning });
-    }
-
-    /// The check sum after `len` bytes of the frame.
-    fn emit_check(
-        self,
-        len: usize,
-        check: &[u8],
-        error: Option<WireError>,
-        sink: &mut dyn ExplainSink,
-    ) {
-        let name = match self.format {
-            WireFormat::Rtu => "crc",
-            WireFormat::Ascii => "lrc",
-            WireFormat::Tcp => return,
-        };
-        let found = check.iter().fold(0, |found, &byte| found << 8 | u64::from(byte));
-        let wrong = matches!(error, Some(WireError::Checksum { .. }));
-        let value = FieldValue::Hex(found, 2 * check.len() as u8);
-        self.emit_field(
-            sink,
-            name,
-            len..len + check.len(),
-            value,
-            if wrong { "wrong" } else { "" },
-        );
-    }
 }
 
 /// Explains a frame of TCP: the fields of its header, then those that every format has.
@@ -430,14 +382,33 @@ impl PduExplainer {
                 self.emit_data(6, words, Space::Holding, sink);
                 // One register by the function of many must not read as by that of one.
                 sink.text(if words.len() == 2 { "write multiple: " } else { "write " });
-                let (named, rest) = words.split_at(words.len().min(2 * NAMED_MAX));
-                self.write_values(Space::Holding, start, named, sink);
-                for (at, value) in rest.chunks_exact(2).enumerate() {
-                    sink.text(if at == 0 { ", then " } else { " " });
-                    write_decimal(i64::from(word(value, 0)), sink);
-                }
+                self.write_many(start, words, sink);
+            }
+            RequestPdu::ReadWriteRegisters { read_start, read_count, start, words } => {
+                self.emit_address("read_start", read_start, sink);
+                let count = FieldValue::Int(i64::from(read_count));
+                self.layout.emit_field(sink, "read_count", 4..6, count, "");
+                let written = FieldValue::Hex(u64::from(start), 4);
+                self.layout.emit_field(sink, "write_start", 6..8, written, "");
+                let count = FieldValue::Int((words.len() / 2) as i64);
+                self.layout.emit_field(sink, "write_count", 8..10, count, "");
+                self.emit_data(10, words, Space::Holding, sink);
+                sink.text("write ");
+                self.write_many(start, words, sink);
+                sink.text(", read ");
+                self.write_name(Space::Holding, read_start, read_count, sink);
             }
             RequestPdu::Unknown { function, data } => self.explain_unknown(function, data, sink),
+        }
+    }
+
+    /// The values of neighbouring registers, the first ones with their names.
+    fn write_many(&self, start: u16, words: &[u8], sink: &mut dyn ExplainSink) {
+        let (named, rest) = words.split_at(words.len().min(2 * NAMED_MAX));
+        self.write_values(Space::Holding, start, named, sink);
+        for (at, value) in rest.chunks_exact(2).enumerate() {
+            sink.text(if at == 0 { ", then " } else { " " });
+            write_decimal(i64::from(word(value, 0)), sink);
         }
     }
 
@@ -449,6 +420,9 @@ impl PduExplainer {
     ) {
         match *reply {
             ReplyPdu::Read { space, data } => self.explain_read(space, data, request, sink),
+            ReplyPdu::ReadWritten { data } => {
+                self.explain_read(Space::Holding, data, request, sink)
+            }
             ReplyPdu::WroteCoil { address, on } => {
                 self.emit_coil(address, on, sink);
                 sink.text("written: ");
@@ -506,6 +480,11 @@ impl PduExplainer {
                 } else {
                     self.write_values(space, start, data, sink);
                 }
+            }
+            Some(RequestPdu::ReadWriteRegisters { read_start, read_count, .. })
+                if data.len() == 2 * usize::from(read_count) =>
+            {
+                self.write_values(Space::Holding, read_start, data, sink);
             }
             _ if space.is_bits() => write_bits(data, 8 * data.len() as u16, BITS_MAX, sink),
             _ => self.write_plain_values(data, sink),

@@ -190,21 +190,18 @@ const NOTHING_OUTSTANDING: AwaitedReply =
 impl AwaitedReply {
     #[inline]
     fn of(request: &HostRequest, role: ReplyRole) -> Self {
-        let reply_fields = match request.body {
-            RequestBody::Read { space, count, .. } => (0, space.reply_bytes(count) as u16),
-            _ => request.body.reply_fields(),
-        };
+        let data_len = request.body.reply_data_len();
+        let reply_fields = data_len.map_or(request.body.reply_fields(), |len| (0, len));
         Self { unit: request.unit, function: request.body.function().code(), reply_fields, role }
     }
 
-    /// Length of the expected PDU, if it is not an exception.
+    /// Length of the expected PDU, if it is not an exception; the longest where it is not known.
     #[inline]
     fn pdu_len(self) -> usize {
-        match Space::of_read_code(self.function) {
-            Some(_) => 2 + usize::from(self.reply_fields.1),
-            // Its length is not known before it is there.
-            None if self.function == device_id::FUNCTION => PDU_MAX,
-            None => 5,
+        match self.function {
+            1..=4 | 0x17 => 2 + usize::from(self.reply_fields.1),
+            device_id::FUNCTION => PDU_MAX,
+            _ => 5,
         }
     }
 }

@@ -69,6 +69,19 @@ pub enum RequestBody {
         /// The values.
         words: [u16; WORDS_MAX],
     },
+    /// 17: writes, then reads.
+    ReadWriteRegisters {
+        /// First address to read.
+        read_start: u16,
+        /// Number of registers to read.
+        read_count: u16,
+        /// First address to write.
+        start: u16,
+        /// Number of valid `words`, at most [`WORDS_MAX`].
+        count: u8,
+        /// The values.
+        words: [u16; WORDS_MAX],
+    },
     /// 43/14: the text of an object of the device identification.
     DeviceId {
         /// Identifier of the object of the device identification.
@@ -89,6 +102,7 @@ impl RequestBody {
             Self::WriteRegister { .. } => Function::WriteRegister,
             Self::WriteCoils { .. } => Function::WriteCoils,
             Self::WriteRegisters { .. } => Function::WriteRegisters,
+            Self::ReadWriteRegisters { .. } => Function::ReadWriteRegisters,
             Self::DeviceId { .. } => Function::Unknown(device_id::FUNCTION),
         }
     }
@@ -113,12 +127,13 @@ impl RequestBody {
                 with(RequestPdu::WriteCoils { start, count, bits })
             }
             Self::WriteRegisters { start, count, ref words } => {
-                let mut data = [0; 2 * WORDS_MAX];
-                for (pair, word) in data.as_chunks_mut::<2>().0.iter_mut().zip(words) {
-                    *pair = word.to_be_bytes();
-                }
-                let len = 2 * usize::from(count).min(WORDS_MAX);
+                let (data, len) = word_bytes(words, count);
                 with(RequestPdu::WriteRegisters { start, words: &data[..len] })
+            }
+            Self::ReadWriteRegisters { read_start, read_count, start, count, ref words } => {
+                let (data, len) = word_bytes(words, count);
+                let words = &data[..len];
+                with(RequestPdu::ReadWriteRegisters { read_start, read_count, start, words })
             }
             Self::DeviceId { object, .. } => {
                 let (function, data) = (device_id::FUNCTION, device_id::request_data(object));
@@ -133,6 +148,16 @@ impl RequestBody {
         device_id::objects(data)?.find_map(|(found, text)| (found == *object).then_some(text))
     }
 
+    /// Bytes of data in a good reply to a request that reads registers or bits.
+    #[inline]
+    pub(super) const fn reply_data_len(&self) -> Option<u16> {
+        match *self {
+            Self::Read { space, count, .. } => Some(space.reply_bytes(count) as u16),
+            Self::ReadWriteRegisters { read_count, .. } => Some(2 * read_count),
+            _ => None,
+        }
+    }
+
     /// First address, and the field that a good reply repeats: the value or the count.
     #[must_use]
     #[inline]
@@ -143,9 +168,19 @@ impl RequestBody {
             Self::WriteRegister { address, value } => (address, value),
             Self::WriteCoils { start, count, .. } => (start, count),
             Self::WriteRegisters { start, count, .. } => (start, count as u16),
+            Self::ReadWriteRegisters { read_start, read_count, .. } => (read_start, read_count),
             Self::DeviceId { object, .. } => (device_id::access_code(object) as u16, 0),
         }
     }
+}
+
+/// The bytes of `count` words, and how many they are.
+fn word_bytes(words: &[u16; WORDS_MAX], count: u8) -> ([u8; 2 * WORDS_MAX], usize) {
+    let mut data = [0; 2 * WORDS_MAX];
+    for (pair, word) in data.as_chunks_mut::<2>().0.iter_mut().zip(words) {
+        *pair = word.to_be_bytes();
+    }
+    (data, 2 * usize::from(count).min(WORDS_MAX))
 }
 
 impl HostRequest {
@@ -182,7 +217,8 @@ impl station::Request for HostRequest {
             RequestBody::WriteCoil { address, .. } => (Space::Coil, address, 1),
             RequestBody::WriteCoils { start, count, .. } => (Space::Coil, start, count),
             RequestBody::WriteRegister { address, .. } => (Space::Holding, address, 1),
-            RequestBody::WriteRegisters { start, count, .. } => {
+            RequestBody::WriteRegisters { start, count, .. }
+            | RequestBody::ReadWriteRegisters { start, count, .. } => {
                 (Space::Holding, start, count.into())
             }
         };
@@ -232,7 +268,7 @@ impl Answer {
             RequestBody::Read { count: 1, .. } => {
                 self.words.iter_mut().zip(words(data)).take(1).for_each(|(to, word)| *to = word);
             }
-            RequestBody::Read { .. } => {
+            RequestBody::Read { .. } | RequestBody::ReadWriteRegisters { .. } => {
                 self.words.iter_mut().zip(words(data)).for_each(|(index, word)| *index = word);
             }
             RequestBody::WriteCoil { on, .. } => (self.count, self.words[0]) = (1, on.into()),
@@ -255,6 +291,7 @@ impl Answer {
                 self.words[..len].iter().rev().fold(0, |raw, &word| raw << 16 | i64::from(word))
             }
             Some(_) => self.number(),
+            None if self.function == Function::ReadWriteRegisters => self.number(),
             None if self.function == Function::Unknown(device_id::FUNCTION) => self.number(),
             None if matches!(self.function, Function::WriteCoil | Function::WriteRegister) => {
                 i64::from(self.words[0])

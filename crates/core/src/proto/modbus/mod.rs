@@ -11,6 +11,7 @@ pub mod device_id;
 pub mod driver;
 pub mod encoding;
 pub mod explain;
+mod function;
 pub mod host;
 pub mod host_request;
 pub mod rtu;

@@ -1,4 +1,4 @@
-//! Text form of requests: `read Dn_00`, `write 0x30 5 5`, `coils 0 4`.
+//! Text form of requests: `read Dn_00`, `write 0x30 5 5`, `write 0x30 5 read 0x40 2`, `coils 0 4`.
 //!
 //! Numbers are decimal or, with `0x`, hexadecimal; `=` and `,` count as spaces. A register is a number, a
 //! name or symbol of the profile, or `Fn_hex` and `Dn_hex` (TS manual V2 §2.2: Fn_n is at n, Dn_n at 1000h
@@ -8,7 +8,7 @@ mod list;
 
 use super::device_id;
 use super::encoding::{self, register_count};
-use super::wire::{Function, READ_WORDS_MAX, Space, WRITE_WORDS_MAX};
+use super::wire::{Function, READ_WORDS_MAX, READ_WRITE_WORDS_MAX, Space, WRITE_WORDS_MAX};
 use crate::explain::TextError;
 use crate::profile::{Parameter, Profile};
 
@@ -25,6 +25,8 @@ pub struct ParsedRequest {
     pub count: u16,
     /// Values to write, one per coil or register.
     pub words: [u16; READ_WORDS_MAX as usize],
+    /// First register and number of those that the same request reads back.
+    pub read: Option<(u16, u16)>,
 }
 
 impl ParsedRequest {
@@ -32,7 +34,9 @@ impl ParsedRequest {
     pub fn read_back(&self, out: &mut dyn core::fmt::Write) -> bool {
         let items = match self.function {
             Function::WriteCoil | Function::WriteCoils => "coils",
-            Function::WriteRegister | Function::WriteRegisters => "registers",
+            Function::WriteRegister | Function::WriteRegisters | Function::ReadWriteRegisters => {
+                "registers"
+            }
             _ => return false,
         };
         write!(out, "read {items} 0x{:04X} {}", self.start, self.count.max(1)).is_ok()
@@ -105,6 +109,18 @@ struct RegisterTarget {
 pub fn parse(text: &str, profile: Option<&'static Profile>) -> Result<ParsedRequest, TextError> {
     let mut store = [Token::default(); TOKENS_MAX];
     let tokens = tokenize(text, &mut store)?;
+    let read_at = tokens.iter().skip(1).position(|token| token.is("read"));
+    match read_at {
+        Some(at) if tokens[0].is("write") => parse_read_write(text, tokens, at + 1, profile),
+        _ => parse_tokens(text, tokens, profile),
+    }
+}
+
+fn parse_tokens(
+    text: &str,
+    tokens: &[Token<'_>],
+    profile: Option<&'static Profile>,
+) -> Result<ParsedRequest, TextError> {
     if let Some(parsed) = list::parse_list(text, tokens)? {
         return Ok(parsed);
     }
@@ -240,6 +256,7 @@ fn parse_read(
         start,
         count,
         words: [0; READ_WORDS_MAX as usize],
+        read: None,
     })
 }
 
@@ -275,6 +292,33 @@ fn parse_write(
     }
 }
 
+/// `write 0x40 5 read 0x30 2`: one request that writes, then reads.
+fn parse_read_write(
+    text: &str,
+    tokens: &[Token<'_>],
+    at: usize,
+    profile: Option<&'static Profile>,
+) -> Result<ParsedRequest, TextError> {
+    let wrote = parse_tokens(text, &tokens[..at], profile)?;
+    let is_list = matches!(wrote.function, Function::WriteRegister | Function::WriteRegisters);
+    if !is_list || wrote.count > READ_WRITE_WORDS_MAX {
+        return Err(TextError { at: tokens[0].at, expected: "1 to 121 registers to write" });
+    }
+    let mut rest = &tokens[at + 1..];
+    if let [word, behind @ ..] = rest
+        && (word.is("register") || word.is("registers"))
+    {
+        rest = behind;
+    }
+    let read = parse_read(text, rest, Some(Space::Holding), profile)?;
+    if read.function != Function::ReadHoldingRegisters {
+        return Err(TextError { at: tokens[at].at, expected: "a read of holding registers" });
+    }
+    let read = Some((read.start, read.count));
+    let (function, count) = (Function::ReadWriteRegisters, wrote.count.max(1));
+    Ok(ParsedRequest { function, count, read, ..wrote })
+}
+
 /// `read device id OBJECT`, and which seven bytes of the object are the answer's value.
 fn parse_device_id(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, TextError> {
     let expected = "an object of the device identification, 0 to 255";
@@ -293,6 +337,7 @@ fn parse_device_id(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, Te
         start: start.into(),
         count,
         words: [0; READ_WORDS_MAX as usize],
+        read: None,
     })
 }
 
@@ -348,7 +393,13 @@ fn parse_register_values(
     }
     let single = if count == 1 { Function::WriteRegister } else { Function::WriteRegisters };
     let start = check_address_range(target.start, count as u16, tokens)?;
-    Ok(ParsedRequest { function: function.unwrap_or(single), start, count: count as u16, words })
+    Ok(ParsedRequest {
+        function: function.unwrap_or(single),
+        start,
+        count: count as u16,
+        words,
+        read: None,
+    })
 }
 
 fn parse_coil_values(
@@ -368,7 +419,13 @@ fn parse_coil_values(
     }
     let single = if count == 1 { Function::WriteCoil } else { Function::WriteCoils };
     let start = check_address_range(target.start, count as u16, tokens)?;
-    Ok(ParsedRequest { function: function.unwrap_or(single), start, count: count as u16, words })
+    Ok(ParsedRequest {
+        function: function.unwrap_or(single),
+        start,
+        count: count as u16,
+        words,
+        read: None,
+    })
 }
 
 fn check_address_range(start: u16, count: u16, tokens: &[Token<'_>]) -> Result<u16, TextError> {

@@ -8,6 +8,8 @@
 use super::device_id;
 use crate::error::WireError;
 
+pub use super::function::Function;
+
 /// Longest PDU, bytes (MAP 4.1: 256 − address − CRC).
 pub const PDU_MAX: usize = 253;
 /// Most bits that one request reads (MAP 6.1, 6.2).
@@ -18,6 +20,8 @@ pub const READ_WORDS_MAX: u16 = 125;
 pub const WRITE_BITS_MAX: u16 = 1968;
 /// Most registers that one request writes (MAP 6.12).
 pub const WRITE_WORDS_MAX: u16 = 123;
+/// Most registers that a request writes that reads too (MAP 6.17).
+pub const READ_WRITE_WORDS_MAX: u16 = 121;
 /// The station address that every station obeys and none answers.
 pub const BROADCAST: u8 = 0;
 /// Set in the function code of an exception reply.
@@ -114,103 +118,6 @@ impl Space {
     #[must_use]
     pub const fn reply_bytes(self, count: u16) -> usize {
         if self.is_bits() { (count as usize).div_ceil(8) } else { count as usize * 2 }
-    }
-}
-
-/// A function code.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Function {
-    /// 01.
-    ReadCoils,
-    /// 02.
-    ReadDiscreteInputs,
-    /// 03.
-    ReadHoldingRegisters,
-    /// 04.
-    ReadInputRegisters,
-    /// 05.
-    WriteCoil,
-    /// 06.
-    WriteRegister,
-    /// 0F.
-    WriteCoils,
-    /// 10.
-    WriteRegisters,
-    /// Any other, exceptions' bit included.
-    Unknown(u8),
-}
-
-impl Function {
-    /// The function of a code.
-    #[must_use]
-    pub const fn of_code(code: u8) -> Self {
-        match code {
-            0x01 => Self::ReadCoils,
-            0x02 => Self::ReadDiscreteInputs,
-            0x03 => Self::ReadHoldingRegisters,
-            0x04 => Self::ReadInputRegisters,
-            0x05 => Self::WriteCoil,
-            0x06 => Self::WriteRegister,
-            0x0F => Self::WriteCoils,
-            0x10 => Self::WriteRegisters,
-            code => Self::Unknown(code),
-        }
-    }
-
-    /// The code on the wire.
-    #[must_use]
-    #[inline(always)]
-    pub const fn code(self) -> u8 {
-        match self {
-            Self::ReadCoils => 0x01,
-            Self::ReadDiscreteInputs => 0x02,
-            Self::ReadHoldingRegisters => 0x03,
-            Self::ReadInputRegisters => 0x04,
-            Self::WriteCoil => 0x05,
-            Self::WriteRegister => 0x06,
-            Self::WriteCoils => 0x0F,
-            Self::WriteRegisters => 0x10,
-            Self::Unknown(code) => code,
-        }
-    }
-
-    /// The space that it reads; `None` for what does not read.
-    #[must_use]
-    pub const fn read_space(self) -> Option<Space> {
-        match self {
-            Self::ReadCoils => Some(Space::Coil),
-            Self::ReadDiscreteInputs => Some(Space::Discrete),
-            Self::ReadHoldingRegisters => Some(Space::Holding),
-            Self::ReadInputRegisters => Some(Space::Input),
-            _ => None,
-        }
-    }
-
-    /// The standard's words for it (MAP 5 and 6, those without a variant here included).
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self.code() {
-            0x01 => "read coils",
-            0x02 => "read discrete inputs",
-            0x03 => "read holding registers",
-            0x04 => "read input registers",
-            0x05 => "write single coil",
-            0x06 => "write single register",
-            0x07 => "read exception status",
-            0x08 => "diagnostics",
-            0x0B => "get comm event counter",
-            0x0C => "get comm event log",
-            0x0F => "write multiple coils",
-            0x10 => "write multiple registers",
-            0x11 => "report server id",
-            0x14 => "read file record",
-            0x15 => "write file record",
-            0x16 => "mask write register",
-            0x17 => "read/write multiple registers",
-            0x18 => "read fifo queue",
-            0x2B => "encapsulated interface transport",
-            _ => "unknown function",
-        }
     }
 }
 
@@ -339,6 +246,17 @@ pub enum RequestPdu<'a> {
         /// Big-endian words, 1 to [`WRITE_WORDS_MAX`].
         words: &'a [u8],
     },
+    /// 17: several holding registers, then the values of others, or of the same.
+    ReadWriteRegisters {
+        /// First address to read.
+        read_start: u16,
+        /// Number of registers to read, 1 to [`READ_WORDS_MAX`].
+        read_count: u16,
+        /// First address to write.
+        start: u16,
+        /// Big-endian words to write, 1 to [`READ_WRITE_WORDS_MAX`].
+        words: &'a [u8],
+    },
     /// A function without a variant here.
     Unknown {
         /// Function code.
@@ -365,6 +283,7 @@ impl<'a> RequestPdu<'a> {
             }
             Function::WriteCoils => Self::parse_write_coils(pdu),
             Function::WriteRegisters => Self::parse_write_registers(pdu),
+            Function::ReadWriteRegisters => Self::parse_read_write(pdu),
             Function::Unknown(function) => Ok(Self::Unknown { function, data }),
             _ => match function.read_space() {
                 Some(space) => Self::parse_read(space, pdu),
@@ -387,6 +306,13 @@ impl<'a> RequestPdu<'a> {
             Self::WriteCoils { start, count, bits } => emit_block(out, code, start, count, bits),
             Self::WriteRegisters { start, words } => {
                 emit_block(out, code, start, (words.len() / 2) as u16, words)
+            }
+            Self::ReadWriteRegisters { read_start, read_count, start, words } => {
+                emit_pair(out, code, read_start, read_count);
+                // The write has the form of function 10, without a code of its own.
+                let len = emit_block(&mut out[4..], 0, start, (words.len() / 2) as u16, words);
+                out[4] = read_count as u8;
+                4 + len
             }
             Self::Unknown { data, .. } => {
                 out[0] = code;
@@ -418,6 +344,7 @@ impl<'a> RequestPdu<'a> {
             Self::WriteRegister { .. } => Function::WriteRegister,
             Self::WriteCoils { .. } => Function::WriteCoils,
             Self::WriteRegisters { .. } => Function::WriteRegisters,
+            Self::ReadWriteRegisters { .. } => Function::ReadWriteRegisters,
             Self::Unknown { function, .. } => Function::Unknown(function),
         }
     }
@@ -428,6 +355,7 @@ impl<'a> RequestPdu<'a> {
     pub const fn reply_len(&self) -> Option<usize> {
         match *self {
             Self::Read { space, count, .. } => Some(2 + space.reply_bytes(count)),
+            Self::ReadWriteRegisters { read_count, .. } => Some(2 + 2 * read_count as usize),
             Self::Unknown { .. } => None,
             _ => Some(5),
         }
@@ -465,6 +393,25 @@ impl<'a> RequestPdu<'a> {
         }
         Ok(Self::WriteRegisters { start: word(pdu, 1), words })
     }
+
+    fn parse_read_write(pdu: &'a [u8]) -> Result<Self, WireError> {
+        if pdu.len() < 10 {
+            return Err(WireError::Short { need: 10, found: pdu.len() as u16 });
+        }
+        let read_count = count_within(pdu, 3, READ_WORDS_MAX)?;
+        let count = count_within(pdu, 7, READ_WRITE_WORDS_MAX)?;
+        check_len(pdu, 10 + usize::from(pdu[9]))?;
+        let words = &pdu[10..];
+        if words.len() != usize::from(count) * 2 {
+            return Err(WireError::Count { at: 9, found: words.len() as u16 });
+        }
+        Ok(Self::ReadWriteRegisters {
+            read_start: word(pdu, 1),
+            read_count,
+            start: word(pdu, 5),
+            words,
+        })
+    }
 }
 
 /// A reply PDU.
@@ -499,6 +446,11 @@ pub enum ReplyPdu<'a> {
         start: u16,
         /// Number of registers or bits.
         count: u16,
+    },
+    /// 17: the values of the registers that were read.
+    ReadWritten {
+        /// Big-endian words.
+        data: &'a [u8],
     },
     /// A refusal.
     Exception {
@@ -540,6 +492,12 @@ impl<'a> ReplyPdu<'a> {
         if let Function::Unknown(function) = function {
             return Ok(Self::Unknown { function, data });
         }
+        if function == Function::ReadWriteRegisters {
+            return match Self::parse_read(Space::Holding, data)? {
+                Self::Read { data, .. } => Ok(Self::ReadWritten { data }),
+                other => Ok(other),
+            };
+        }
         check_len(pdu, 5)?;
         let (first, second) = (word(pdu, 1), word(pdu, 3));
         match function {
@@ -558,12 +516,8 @@ impl<'a> ReplyPdu<'a> {
     /// Writes the PDU and returns its length. `out` must hold [`PDU_MAX`] bytes, or the length of the PDU.
     pub fn emit(&self, out: &mut [u8]) -> usize {
         match *self {
-            Self::Read { space, data } => {
-                out[0] = space.read_function().code();
-                out[1] = data.len() as u8;
-                out[2..2 + data.len()].copy_from_slice(data);
-                2 + data.len()
-            }
+            Self::Read { space, data } => emit_data(out, space.read_function(), data),
+            Self::ReadWritten { data } => emit_data(out, Function::ReadWriteRegisters, data),
             Self::WroteCoil { address, on } => RequestPdu::WriteCoil { address, on }.emit(out),
             Self::WroteRegister { address, value } => {
                 RequestPdu::WriteRegister { address, value }.emit(out)
@@ -615,7 +569,7 @@ pub fn request_span(head: &[u8]) -> AnnouncedLength {
         0x0F | 0x10 => counted_span(head, 5, 0, WRITE_WORDS_MAX as usize * 2),
         0x14 | 0x15 => counted_span(head, 1, 1, 0xFB),
         0x16 => AnnouncedLength::Bytes(7),
-        0x17 => counted_span(head, 9, 1, 121 * 2),
+        0x17 => counted_span(head, 9, 1, READ_WRITE_WORDS_MAX as usize * 2),
         0x18 => AnnouncedLength::Bytes(3),
         0x2B => AnnouncedLength::Bytes(4),
         0 | 0x80.. => AnnouncedLength::Never,
@@ -690,6 +644,13 @@ fn emit_pair(out: &mut [u8], code: u8, first: u16, second: u16) -> usize {
     let ([a, b], [c, d]) = (first.to_be_bytes(), second.to_be_bytes());
     out[..5].copy_from_slice(&[code, a, b, c, d]);
     5
+}
+
+fn emit_data(out: &mut [u8], function: Function, data: &[u8]) -> usize {
+    out[0] = function.code();
+    out[1] = data.len() as u8;
+    out[2..2 + data.len()].copy_from_slice(data);
+    2 + data.len()
 }
 
 fn emit_block(out: &mut [u8], code: u8, start: u16, count: u16, data: &[u8]) -> usize {

@@ -76,9 +76,10 @@ impl ModbusDissector {
                 },
             ) => return Effect::NOTHING,
             Ok(RequestPdu::WriteRegister { address, .. }) => (Space::Holding, address, 1),
-            Ok(RequestPdu::WriteRegisters { start, words }) => {
-                (Space::Holding, start, words.len() as u16 / 2)
-            }
+            Ok(
+                RequestPdu::WriteRegisters { start, words }
+                | RequestPdu::ReadWriteRegisters { start, words, .. },
+            ) => (Space::Holding, start, words.len() as u16 / 2),
             Ok(RequestPdu::WriteCoil { address, .. }) => (Space::Coil, address, 1),
             Ok(RequestPdu::WriteCoils { start, count, .. }) => (Space::Coil, start, count),
             Ok(RequestPdu::Unknown { .. }) | Err(_) => return Effect::UNKNOWN,
@@ -107,6 +108,10 @@ impl ModbusDissector {
             (Ok(ReplyPdu::Read { data, .. }), Ok(RequestPdu::Read { space, count, .. })) => {
                 data.len() == space.reply_bytes(count)
             }
+            (
+                Ok(ReplyPdu::ReadWritten { data }),
+                Ok(RequestPdu::ReadWriteRegisters { read_count, .. }),
+            ) => data.len() == 2 * usize::from(read_count),
             (
                 Ok(ReplyPdu::WroteCoil { .. } | ReplyPdu::WroteRegister { .. }),
                 Ok(RequestPdu::WriteCoil { .. } | RequestPdu::WriteRegister { .. }),
@@ -177,12 +182,20 @@ pub(super) fn report_values(
     };
     if reply {
         let request_pdu = request_bytes.and_then(|pdu| RequestPdu::parse(pdu).ok());
-        if let (Ok(ReplyPdu::Read { data, .. }), Some(RequestPdu::Read { space, start, count })) =
-            (ReplyPdu::parse(pdu), request_pdu)
-            && pdu[0] == space.read_function().code()
-            && data.len() == space.reply_bytes(count)
-        {
-            values.report_read(space, start, count, data);
+        match (ReplyPdu::parse(pdu), request_pdu) {
+            (Ok(ReplyPdu::Read { data, .. }), Some(RequestPdu::Read { space, start, count }))
+                if pdu[0] == space.read_function().code()
+                    && data.len() == space.reply_bytes(count) =>
+            {
+                values.report_read(space, start, count, data);
+            }
+            (
+                Ok(ReplyPdu::ReadWritten { data }),
+                Some(RequestPdu::ReadWriteRegisters { read_start, read_count, .. }),
+            ) if data.len() == 2 * usize::from(read_count) => {
+                values.report_read(Space::Holding, read_start, read_count, data);
+            }
+            _ => {}
         }
     } else if let Ok(request) = RequestPdu::parse(pdu) {
         values.report_request(&request);
@@ -217,7 +230,8 @@ impl ValueReporter<'_> {
             RequestPdu::WriteRegister { address, value } => {
                 self.report_words(Space::Holding, address, &value.to_be_bytes());
             }
-            RequestPdu::WriteRegisters { start, words } => {
+            RequestPdu::WriteRegisters { start, words }
+            | RequestPdu::ReadWriteRegisters { start, words, .. } => {
                 self.report_words(Space::Holding, start, words)
             }
             RequestPdu::WriteCoil { address, on } => {

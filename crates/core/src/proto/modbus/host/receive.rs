@@ -10,7 +10,7 @@ use crate::proto::modbus::device_id;
 use crate::proto::modbus::host_request::RequestBody;
 use crate::proto::modbus::rtu::{self, ADU_MAX};
 use crate::proto::modbus::wire::{
-    AnnouncedLength, BROADCAST, EXCEPTION_BIT, PDU_MAX, ReplyPdu, Space, WireFormat,
+    AnnouncedLength, BROADCAST, EXCEPTION_BIT, Function, PDU_MAX, ReplyPdu, Space, WireFormat,
 };
 use crate::station::Counters;
 use crate::time::Instant;
@@ -367,7 +367,9 @@ impl SerialHost {
                 }
                 self.fail_current(Failure::Refused { code: u32::from(exception.code()) });
             }
-            ReplyPdu::Read { data, .. } => self.accept_answer(now, data),
+            ReplyPdu::Read { data, .. } | ReplyPdu::ReadWritten { data } => {
+                self.accept_answer(now, data)
+            }
             ReplyPdu::Unknown { data, .. } => {
                 let body = self.current.as_ref().map(|current| current.request.body);
                 let text = body.and_then(|body| body.device_text(data)).unwrap_or_default();
@@ -483,6 +485,10 @@ pub(super) fn matches_outstanding(awaited: &AwaitedReply, reply: &ReplyPdu<'_>) 
         ReplyPdu::Exception { function, .. } => function == awaited.function,
         ReplyPdu::Read { space, data } => {
             space.read_function().code() == awaited.function
+                && data.len() == usize::from(awaited.reply_fields.1)
+        }
+        ReplyPdu::ReadWritten { data } => {
+            awaited.function == Function::ReadWriteRegisters.code()
                 && data.len() == usize::from(awaited.reply_fields.1)
         }
         ReplyPdu::WroteCoil { address, on } => {

@@ -204,7 +204,7 @@ impl TcpHost {
                     self.fail(at, Failure::Refused { code: exception.code().into() });
                 }
             }
-            ReplyPdu::Read { data, .. } => self.complete(at, data),
+            ReplyPdu::Read { data, .. } | ReplyPdu::ReadWritten { data } => self.complete(at, data),
             ReplyPdu::Unknown { data, .. } => {
                 let body = self.open[at].map(|open| open.request.body);
                 let text = body.and_then(|body| body.device_text(data)).unwrap_or_default();

@@ -196,7 +196,13 @@ impl Random {
 fn request<'a>(random: &mut Random, data: &'a [u8]) -> RequestPdu<'a> {
     let start = random.next() as u16;
     let spaces = [Space::Holding, Space::Coil, Space::Discrete, Space::Input];
-    match random.below(8) {
+    match random.below(9) {
+        8 => RequestPdu::ReadWriteRegisters {
+            read_start: random.next() as u16,
+            read_count: 1 + random.below(125) as u16,
+            start,
+            words: &data[..2 + 2 * random.below(121) as usize],
+        },
         n @ 0..4 => {
             let space = spaces[n as usize];
             let count = 1 + random.below(space.read_max().into()) as u16;
@@ -218,7 +224,8 @@ fn request<'a>(random: &mut Random, data: &'a [u8]) -> RequestPdu<'a> {
 fn reply<'a>(random: &mut Random, data: &'a [u8]) -> ReplyPdu<'a> {
     let start = random.next() as u16;
     let count = random.next() as u16;
-    match random.below(7) {
+    match random.below(8) {
+        7 => ReplyPdu::ReadWritten { data: &data[..2 + 2 * random.below(125) as usize] },
         0 => ReplyPdu::Read {
             space: Space::Holding,
             data: &data[..2 + 2 * random.below(125) as usize],
@@ -503,6 +510,11 @@ fn the_language_is_what_people_expect() {
         ("write Fn_33 = -200", "06 00 33 FF 38"),
         ("write 0x30 5 5", "10 00 30 00 02 04 00 05 00 05"),
         ("write registers 0x30 5", "10 00 30 00 01 02 00 05"),
+        ("write 0x40 5 read 0x30 2", "17 00 30 00 02 00 40 00 01 02 00 05"),
+        (
+            "write registers 0x40 5 6 read registers 0x30",
+            "17 00 30 00 01 00 40 00 02 04 00 05 00 06",
+        ),
         ("coils 0 4", "01 00 00 00 04"),
         ("inputs 0 8", "02 00 00 00 08"),
         ("read input registers 7", "04 00 07 00 01"),
@@ -517,6 +529,8 @@ fn the_language_is_what_people_expect() {
         ("read", 4),
         ("read nonsense", 5),
         ("write 0x33", 10),
+        ("write coil 3 on read 0x30", 0),
+        ("write 0x40 5 read coils 3", 18),
         ("write 0x33 70000", 11),
         ("read 0 126", 7),
         ("read 0xFFFF 2", 5),

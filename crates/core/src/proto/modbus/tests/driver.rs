@@ -154,6 +154,10 @@ fn a_text_becomes_what_it_says() {
     assert_eq!(axis().parse_request("write Fn_33 200"), asks(one, NoRetry));
     let two = RequestBody::WriteRegisters { start: 0x30, count: 2, words: words([5, 6]) };
     assert_eq!(axis().parse_request("write 0x30 5 6"), asks(two, NoRetry));
+    let words = words([5]);
+    let (read_start, read_count, start, count) = (0x40, 2, 0x30, 1);
+    let both = RequestBody::ReadWriteRegisters { read_start, read_count, start, count, words };
+    assert_eq!(axis().parse_request("write 0x30 5 read 0x40 2"), asks(both, NoRetry));
     assert_eq!(
         axis().parse_request("coil 3 on"),
         asks(RequestBody::WriteCoil { address: 3, on: true }, NoRetry)

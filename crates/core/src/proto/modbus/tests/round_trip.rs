@@ -55,6 +55,12 @@ fn every_request_encodes_from_its_explanation() {
         both(unit, &RequestPdu::WriteCoil { address: start, on });
         let words = 2 * usize::from(count(123));
         both(unit, &RequestPdu::WriteRegisters { start, words: &data[..words] });
+        let written = &data[..2 * usize::from(count(121))];
+        let (read_start, read_count) = (random() as u16 & 0x7FFF, count(125));
+        both(
+            unit,
+            &RequestPdu::ReadWriteRegisters { read_start, read_count, start, words: written },
+        );
         let lines = count(COILS_MAX);
         let mut bits: Vec<u8> = data[..usize::from(lines.div_ceil(8))].to_vec();
         if lines % 8 > 0 {

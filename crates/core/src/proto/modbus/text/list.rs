@@ -45,6 +45,7 @@ fn parse_registers(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, Te
         start: 0,
         count: 0,
         words: [0; READ_WORDS_MAX as usize],
+        read: None,
     };
     let mut rest = tokens;
     while let [kind, address, value, more @ ..] = rest
@@ -109,7 +110,7 @@ fn parse_coils(text: &str, tokens: &[Token<'_>]) -> Result<ParsedRequest, TextEr
         _ => return Err(TextError { at: first.at, expected: "A, N bits = on: LINES, or all off" }),
     }
     check_address_range(start, count, tokens)?;
-    Ok(ParsedRequest { function: Function::WriteCoils, start, count, words })
+    Ok(ParsedRequest { function: Function::WriteCoils, start, count, words, read: None })
 }
 
 fn parse_address(token: &Token<'_>) -> Result<u16, TextError> {
