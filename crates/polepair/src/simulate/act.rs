@@ -123,6 +123,12 @@ pub const ACTS: &[ActKind] = &[
         "Where the home switch closes",
     ),
     kind(
+        "home-until",
+        ActValue::Place,
+        |_, at| Act::Switch { which: 3, at },
+        "Where the home switch opens again, going forward (CiA 402)",
+    ),
+    kind(
         "limit-high",
         ActValue::Place,
         |_, at| Act::Switch { which: 1, at },

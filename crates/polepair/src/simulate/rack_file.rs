@@ -20,6 +20,7 @@
 //! load = 0.02                     # N·m, positive drives the shaft forward
 //! supply = 24.0                   # V
 //! home = 3.1                      # rad: where a reference switch closes
+//! home_until = 4.0                # rad: where it opens again, of a cam on the way; cia402
 //! limit_low = -6.3                # rad: where the limit switches close
 //! limit_high = 6.3
 //! eds = "motor.eds"               # profile = "canopen": what its data sheet lists; beside this file
@@ -63,7 +64,7 @@ const LINK_KEYS: [&str; 11] = [
     "name", "kind", "protocol", "connect", "baud", "bitrate", "duplex", "timing", "echo", "faults",
     "drive",
 ];
-const DRIVE_KEYS: [&str; 22] = [
+const DRIVE_KEYS: [&str; 23] = [
     "steps",
     "act",
     "axis",
@@ -79,6 +80,7 @@ const DRIVE_KEYS: [&str; 22] = [
     "supply",
     "home",
     "limit_high",
+    "home_until",
     "limit_low",
     "options",
     "lead",
@@ -88,7 +90,7 @@ const DRIVE_KEYS: [&str; 22] = [
     "limits",
 ];
 /// Keys of another axis of a drive.
-const AXIS_KEYS: [&str; 13] = [
+const AXIS_KEYS: [&str; 14] = [
     "steps",
     "act",
     "number",
@@ -96,6 +98,7 @@ const AXIS_KEYS: [&str; 13] = [
     "load",
     "home",
     "limit_high",
+    "home_until",
     "limit_low",
     "lead",
     "gear",
@@ -106,7 +109,7 @@ const AXIS_KEYS: [&str; 13] = [
 /// Keys of acts on a simulated drive at a certain time.
 const ACT_KEYS: [&str; 2] = ["at", "do"];
 /// Keys that are places of switches, in the order of [`Act::Switch`].
-const SWITCH_KEYS: [&str; 3] = ["home", "limit_high", "limit_low"];
+const SWITCH_KEYS: [&str; 4] = ["home", "limit_high", "limit_low", "home_until"];
 const CAN_FAULT_KEYS: [&str; 6] = ["error", "twice", "lose", "late", "latest_ms", "cut"];
 /// Default of the maximum delay of a late frame, in ms.
 const CAN_DELAY_MAX_MS: i64 = 100;

@@ -12,6 +12,7 @@ mod early_ends;
 mod events;
 mod examples;
 mod heard;
+mod homing_methods;
 mod instruction_programs;
 mod inverter;
 mod library;
