@@ -206,6 +206,11 @@ def test_own_profiles_stand_in_racks_and_connection_strings(tmp_path):
     for url in (f"sim:{rack}#fan", f"sim:{file}:4#4", f"sim:{file}#1"):
         turned = polepair("spin", url, "--for", "2s", "-120rpm")
         assert "velocity reached = -120 rpm" in turned.stdout, turned.stdout + turned.stderr
+    # A profile that extends a simulated one is simulated as that is.
+    for base, address in [("tmcm-171", 3), ("cia402", 5)]:
+        own = tmp_path / "own.toml"
+        own.write_text(f"name = 'own-{base}'\nextends = '{base}'\ntitle = 'Own'\n")
+        assert f"own-{base}" in polepair("info", f"sim:{own}:{address}#{address}").stdout
     wrong = tmp_path / "wrong.toml"
     wrong.write_text(file.read_text().replace("scale = 0.3", "scael = 0.3"))
     refused = polepair("info", f"sim:{wrong}:1#1", check=False)

@@ -155,7 +155,11 @@ impl std::fmt::Display for RackError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::NoSuchDrive { profile } => {
-                write!(f, "{profile}: no simulated drive of this kind")
+                write!(
+                    f,
+                    "{profile}: no simulated drive of this kind; of own profiles, those of Modbus are \
+                     simulated, and those that extend a simulated one"
+                )
             }
             Self::Option { profile, option } => write!(f, "{profile}: unknown option: {option}"),
             Self::NoSecondLink { profile } => {

@@ -140,8 +140,8 @@ fn a_modbus_broadcast_refuses_what_has_to_read() {
 #[test]
 fn a_modbus_broadcast_reaches_the_stations_that_a_search_finds() {
     let sim = Served::new("modbus-rtu:3,9");
-    // All 127 addresses are asked, so each for a short time.
-    let all = sim.url.replace("#3,9", "?timeout=2#0");
+    // All 127 addresses are asked, so each for a short time, four times over.
+    let all = sim.url.replace("#3,9", "?timeout=10#0");
     assert_ne!(all, sim.url, "{}", sim.url);
     let shown = ok(&["send", &all, "write Fn_3E 6"]);
     let expected = [

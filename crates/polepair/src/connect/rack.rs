@@ -136,6 +136,10 @@ pub(super) fn identify_expected(
     if std::ptr::eq(found, profile) {
         return Ok((profile, identified));
     }
+    // A user's profile that extends another one is identified by the same reply.
+    if simulate::is_own_profile(profile) && found.identity == profile.identity {
+        return Ok((profile, identified));
+    }
     // No reply can identify it: it is what the rack names.
     if profile.identity.is_none() {
         let how = if identified.is_generic() { Identification::Named } else { identified };
