@@ -24,7 +24,17 @@ const DRIVES: [(&str, &[&str]); 9] = [
     ),
     (
         "cia402",
-        &["encoder", "hall", "eeprom", "home", "limit-high", "limit-low", "input-1", "input-3"],
+        &[
+            "encoder",
+            "hall",
+            "eeprom",
+            "home",
+            "home-until",
+            "limit-high",
+            "limit-low",
+            "input-1",
+            "input-3",
+        ],
     ),
     (
         "technosoft-f514l",
