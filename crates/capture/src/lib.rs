@@ -70,7 +70,7 @@ pub use format::{CaptureFormat, Compression, UnsupportedFile};
 pub use number_text::plural;
 pub use read::{
     CapturePosition, CaptureReader, Damage, LineScan, LogTimes, ReadError, ReadOptions,
-    ReadStatistics, parse_log_line, unpack_bounded,
+    ReadStatistics, read_first_record, unpack_bounded,
 };
 pub use record::{CanErrorFrame, FdFrame, Record, RecordData};
 pub use rules::{Rule, RuleError, RuleScope, Rules, nearest_word};

@@ -8,30 +8,40 @@
 //! Damage is named by its place and skipped; reading goes on where the format lets it.
 
 mod asc;
+mod attached;
 pub(crate) mod blf;
 mod busmaster;
+mod byte_text;
 mod candump;
 mod crtd;
 mod csv;
 mod decompress;
 mod detect;
 mod digits;
+mod gbk;
+mod hex_dump;
 mod jsonl;
 mod line_scan;
+mod line_time;
 mod lines;
 pub(crate) mod link_type;
+mod log_traits;
+mod marked_line;
 mod pcap;
 mod pcapng;
+mod printed_frame;
 mod serial_log;
 #[cfg(feature = "sqlite")]
 mod sqlite;
 #[cfg(not(feature = "sqlite"))]
 #[path = "read/sqlite_left_out.rs"]
 mod sqlite;
+mod table;
 mod tcp;
 mod text;
 mod tool_log;
 mod trc;
+mod utf16;
 mod words;
 
 use core::fmt;
@@ -44,7 +54,10 @@ pub use line_scan::LineScan;
 #[cfg(test)]
 pub(crate) use lines::LINE_MAX;
 use lines::LineReader;
-pub use text::parse_log_line;
+use log_traits::LogTraits;
+#[cfg(test)]
+pub(crate) use text::parse_log_line;
+use utf16::Utf16Decoder;
 
 /// Damaged places that are remembered one by one; more are only counted.
 pub const DAMAGE_MAX: usize = 100;
@@ -105,6 +118,10 @@ pub(crate) trait RecordSink {
     fn handle_damage(&mut self, damage: Damage);
     /// Counts an object that is intact and not read, by its kind.
     fn handle_skipped(&mut self, kind: &'static str);
+    /// Takes a remark on how records are read.
+    fn handle_note(&mut self, note: &'static str) {
+        let _ = note;
+    }
 }
 
 /// The reader of one format.
@@ -147,6 +164,8 @@ impl Default for CompressionState {
 struct PlainReader {
     options: ReadOptions,
     source: Option<(CaptureFormat, Box<dyn FormatReader>)>,
+    /// The decoder of a text that is not UTF-8.
+    utf16: Option<Utf16Decoder>,
     /// Bytes that wait for more.
     pending: Vec<u8>,
     /// Bytes that came in all.
@@ -182,13 +201,17 @@ impl From<Option<CaptureFormat>> for ReadOptions {
 }
 
 impl LogTimes {
-    /// Returns whether times of a log with this head are differences; `None` while there are too few lines.
-    fn has_deltas(self, format: CaptureFormat, head: &[u8], enough: bool) -> Option<bool> {
-        match self {
-            Self::Delta => Some(format == CaptureFormat::Text),
-            Self::Detect if format == CaptureFormat::Text => text::detect_deltas(head, enough),
-            Self::Absolute | Self::Detect => Some(false),
+    /// Properties of a log with this head; `None` while there are too few lines.
+    fn detect_head(self, format: CaptureFormat, head: &[u8], enough: bool) -> Option<LogTraits> {
+        if format != CaptureFormat::Text {
+            return Some(LogTraits::default());
         }
+        let found = LogTraits::detect(head, enough)?;
+        Some(match self {
+            Self::Detect => found,
+            Self::Absolute => LogTraits { has_delta_times: false, ..found },
+            Self::Delta => LogTraits { has_delta_times: true, ..found },
+        })
     }
 }
 
@@ -207,6 +230,8 @@ pub struct ReadStatistics {
     pub unsupported: Option<&'static UnsupportedFile>,
     /// Times of the text log are differences to the line before.
     pub has_delta_times: bool,
+    /// Remarks on how records are read, each once.
+    pub notes: Vec<&'static str>,
 }
 
 /// Passes records on and counts.
@@ -228,6 +253,10 @@ impl RecordSink for CountingSink<'_> {
     fn handle_skipped(&mut self, kind: &'static str) {
         self.statistics.add_skipped(kind);
     }
+
+    fn handle_note(&mut self, note: &'static str) {
+        self.statistics.add_note(note);
+    }
 }
 
 impl ReadStatistics {
@@ -236,6 +265,12 @@ impl ReadStatistics {
         match self.skipped.iter_mut().find(|(known, _)| *known == kind) {
             Some((_, count)) => *count += 1,
             None => self.skipped.push((kind, 1)),
+        }
+    }
+
+    fn add_note(&mut self, note: &'static str) {
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
         }
     }
 
@@ -335,8 +370,18 @@ impl CaptureReader {
 
 impl PlainReader {
     fn feed(&mut self, piece: &[u8], ended: bool, out: &mut dyn FnMut(&Record<'_>)) {
+        match &mut self.utf16 {
+            Some(decoder) => {
+                let text = decoder.decode(piece);
+                self.feed_plain(&text, ended, out);
+            }
+            None => self.feed_plain(piece, ended, out),
+        }
+    }
+
+    fn feed_plain(&mut self, piece: &[u8], ended: bool, out: &mut dyn FnMut(&Record<'_>)) {
         self.received_bytes += piece.len() as u64;
-        let Self { options, source, pending, statistics, .. } = self;
+        let Self { options, source, pending, statistics, utf16, .. } = self;
         let ReadOptions { format: stated_format, times } = *options;
         let mut taker = CountingSink { statistics, out };
         // The common case: a whole piece without a rest before it needs no copy.
@@ -346,6 +391,12 @@ impl PlainReader {
             return;
         }
         pending.extend_from_slice(piece);
+        if source.is_none() && utf16.is_none() {
+            *utf16 = Utf16Decoder::detect(pending);
+            if let Some(decoder) = utf16 {
+                *pending = decoder.decode(pending);
+            }
+        }
         if source.is_none() {
             let head = &pending[..pending.len().min(HEAD_MAX)];
             if stated_format.is_none() && taker.statistics.unsupported.is_none() {
@@ -361,9 +412,10 @@ impl PlainReader {
                 return;
             };
             let whole = ended || pending.len() >= HEAD_MAX;
-            let Some(delta) = times.has_deltas(format, head, whole) else { return };
-            taker.statistics.has_delta_times = delta;
-            *source = Some((format, open_format(format, delta)));
+            let Some(found) = times.detect_head(format, head, whole) else { return };
+            taker.statistics.has_delta_times = found.has_delta_times;
+            found.notes().for_each(|note| taker.handle_note(note));
+            *source = Some((format, open_format(format, found, line_end(head))));
         }
         if let Some((_, source)) = source {
             let used = source.read(pending, ended, &mut taker);
@@ -372,9 +424,28 @@ impl PlainReader {
     }
 }
 
-fn open_format(format: CaptureFormat, delta: bool) -> Box<dyn FormatReader> {
+/// The byte that ends the lines of a text: serial CAN adapters end them with a carriage return alone.
+fn line_end(head: &[u8]) -> u8 {
+    if head.contains(&b'\r') && !head.contains(&b'\n') { b'\r' } else { b'\n' }
+}
+
+/// Reads a text in any form that a capture may have, and passes its first record on. `None` where it has none.
+pub fn read_first_record<T>(text: &str, take: impl FnOnce(&Record<'_>) -> T) -> Option<T> {
+    let (mut take, mut taken) = (Some(take), None);
+    let mut reader = CaptureReader::default();
+    let mut out = |record: &Record<'_>| {
+        if let Some(take) = take.take() {
+            taken = Some(take(record));
+        }
+    };
+    reader.feed(text.as_bytes(), &mut out);
+    reader.finish(&mut out);
+    taken
+}
+
+fn open_format(format: CaptureFormat, head: LogTraits, end: u8) -> Box<dyn FormatReader> {
     match format {
-        CaptureFormat::Text => Box::new(LineReader::new(text::TextReader::new(delta))),
+        CaptureFormat::Text => Box::new(LineReader::new(text::TextReader::new(head)).with_end(end)),
         CaptureFormat::Asc => Box::new(LineReader::new(asc::AscReader::default())),
         CaptureFormat::Trc => Box::new(LineReader::new(trc::TrcReader::default())),
         CaptureFormat::Csv => Box::new(LineReader::new(csv::CsvReader::default())),

@@ -2,9 +2,8 @@
 
 use polepair_core::explain::Direction;
 
-use crate::{
-    CaptureDecoder, Record, RecordData, Rules, Timestamp, jsonl, nearest_word, parse_log_line, text,
-};
+use crate::read::parse_log_line;
+use crate::{CaptureDecoder, Record, RecordData, Rules, Timestamp, jsonl, nearest_word, text};
 
 fn line<'a>(text: &'a str, scratch: &'a mut Vec<u8>) -> Record<'a> {
     parse_log_line(text.as_bytes(), scratch).expect("readable").expect("not empty")

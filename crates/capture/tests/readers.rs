@@ -34,7 +34,7 @@ type Target = (&'static str, Option<CaptureFormat>, Vec<Vec<u8>>);
 #[test]
 fn every_reader_takes_whatever_comes() {
     let targets = targets();
-    assert_eq!(targets.len(), 18);
+    assert_eq!(targets.len(), 19);
     let queue = Mutex::new(targets.iter());
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(THREADS_MAX);
     std::thread::scope(|scope| {
@@ -81,6 +81,7 @@ fn targets() -> Vec<Target> {
         ("BLF", Some(CaptureFormat::Blf), written(CaptureFormat::Blf, None)),
         ("CSV", Some(CaptureFormat::Csv), written(CaptureFormat::Csv, None)),
         ("other programs", Some(CaptureFormat::Text), text(TOOL_LOG.repeat(4))),
+        ("logs of many programs", None, program_logs()),
         ("candump -td -i", None, text(DELTA_LOG.to_owned())),
         (
             "CSV tables",
@@ -95,6 +96,20 @@ fn targets() -> Vec<Target> {
         ("gzip", None, written(CaptureFormat::Text, Some(Compression::Gzip))),
         ("zstd", None, written(CaptureFormat::Pcapng, Some(Compression::Zstd))),
     ]
+}
+
+/// The logs that the readers' tests have, and one in UTF-16.
+fn program_logs() -> Vec<Vec<u8>> {
+    let sections = include_str!("../src/read/tests/program_logs.txt").split("=== ").skip(1);
+    let mut logs: Vec<Vec<u8>> = sections
+        .map(|section| {
+            let (_, log) = section.split_once('\n').expect("a name");
+            log.replace("\\r", "\r").replace("\\t", "\t").into_bytes()
+        })
+        .collect();
+    let units = "\u{FEFF}12:00:01 TX 01 03 00 33\n".repeat(4);
+    logs.push(units.encode_utf16().flat_map(u16::to_le_bytes).collect());
+    logs
 }
 
 /// A database with two pages of rows.

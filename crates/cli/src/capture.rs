@@ -500,6 +500,7 @@ fn read_remarks(tally: &ReadStatistics) -> Vec<Remark> {
             "the times are differences to the line before; --times absolute reads them as they are";
         remarks.push(Remark::Note(times.to_owned()));
     }
+    remarks.extend(tally.notes.iter().map(|note| Remark::Note((*note).to_owned())));
     let skipped = tally.skipped.iter();
     remarks.extend(skipped.map(|(kind, count)| Remark::Note(format!("skipped {kind}: {count}"))));
     for damage in tally.damage.iter().take(SHOWN) {

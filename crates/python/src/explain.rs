@@ -1,7 +1,7 @@
 //! Explains one frame or code.
 
 use polepair::faults;
-use polepair_capture::{Explanation, RecordData, parse_log_line};
+use polepair_capture::{Explanation, RecordData, read_first_record};
 use polepair_core::explain::{Context, Direction, Dissector};
 use polepair_core::profile::Profile;
 use polepair_core::proto;
@@ -104,11 +104,13 @@ fn find_subject(
 
 /// A frame as text: its bytes, identifier, width, and whether it is a remote request.
 fn parse_frame(py: Python<'_>, text: &str) -> PyResult<(Vec<u8>, Option<u32>, bool, bool)> {
-    let mut bytes = Vec::new();
-    let record = parse_log_line(text.as_bytes(), &mut bytes).ok().flatten();
-    match record.map(|record| record.data) {
-        Some(RecordData::Bytes(bytes)) => Ok((bytes.to_vec(), None, false, false)),
-        Some(RecordData::Frame(f)) => Ok((f.bytes().to_vec(), Some(f.id), f.extended, f.remote)),
+    let frame = read_first_record(text, |record| match &record.data {
+        RecordData::Bytes(bytes) => Some((bytes.to_vec(), None, false, false)),
+        RecordData::Frame(f) => Some((f.bytes().to_vec(), Some(f.id), f.extended, f.remote)),
+        _ => None,
+    });
+    match frame.flatten() {
+        Some(frame) => Ok(frame),
         _ => {
             let what = format!("`{text}` is no frame");
             Err(usage_error(py, "E241", &what, "a frame is `01 01 00 5E` or, on CAN, `30B#5443`"))

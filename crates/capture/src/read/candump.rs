@@ -113,8 +113,11 @@ fn split_direction(rest: &[u8]) -> (Option<Direction>, &[u8]) {
         b"RX" => Direction::ToHost,
         _ => return (None, rest),
     };
-    // Two flags follow: bit-rate switch and error state.
-    (Some(direction), split_word(split_word(after).1).1)
+    // candump adds two flags: bit-rate switch and error state.
+    let is_flag = |word: &[u8]| matches!(word, b"-" | b"B" | b"E");
+    let (first, rest) = split_word(after);
+    let (second, rest) = split_word(rest);
+    (Some(direction), if is_flag(first) && is_flag(second) { rest } else { after })
 }
 
 /// Returns whether a word is the length of a frame on the screen.

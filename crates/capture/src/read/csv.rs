@@ -3,13 +3,16 @@
 //! - python-can: `timestamp,arbitration_id,extended,remote,error,dlc,data`, with data in base 64.
 //! - SavvyCAN (GVRET): `Time Stamp,ID,Extended,Dir,Bus,LEN,D1,…`, with times in microseconds.
 //! - Saleae Logic: `Time [s],Value,…` and `name,type,start_time,duration,data,…`, a byte of a UART a line.
+//! - all others with [named columns](NamedTable).
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use polepair_core::explain::Direction;
 
 use super::ReadError;
+use super::gbk;
 use super::lines::{LineFormat, ParsedLine};
+use super::table::NamedTable;
 use crate::record::{
     CanErrorFrame, CanRecord, ID_MASK, Record, RecordData, STANDARD_MAX, classic_frame,
 };
@@ -27,8 +30,15 @@ const SALEAE_TABLE: [&str; 4] = ["name", "type", "start_time", "data"];
 const FD_MAX: usize = 64;
 
 /// First words of a table's head, in lower case.
-pub(crate) const HEADERS: [&[u8]; 4] =
-    [b"timestamp,", b"time stamp,", b"time [s],", b"name,type,start_time"];
+const HEADERS: [&[u8]; 4] = [b"timestamp,", b"time stamp,", b"time [s],", b"name,type,start_time"];
+
+/// Returns whether a line is the head of a table.
+pub(crate) fn is_header(line: &[u8]) -> bool {
+    let begins = |header: &&[u8]| {
+        line.get(..header.len()).is_some_and(|start| start.eq_ignore_ascii_case(header))
+    };
+    HEADERS.iter().any(begins) || NamedTable::from_header(&gbk::decode(line)).is_some()
+}
 
 /// Program that wrote the table, and its columns.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +47,7 @@ enum CsvDialect {
     Gvret([Option<usize>; GVRET.len()]),
     SaleaeBytes([Option<usize>; SALEAE_BYTES.len()]),
     SaleaeTable([Option<usize>; SALEAE_TABLE.len()]),
+    Named(NamedTable),
 }
 
 /// The reader of such lines.
@@ -49,12 +60,12 @@ pub(super) struct CsvReader {
 
 impl LineFormat for CsvReader {
     fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError> {
-        let line = std::str::from_utf8(line).map_err(|_| ReadError("the line is not text"))?;
-        let line = line.trim_start_matches('\u{FEFF}').trim();
-        if line.is_empty() {
-            return Ok(ParsedLine::Nothing);
-        }
+        let text = gbk::decode(line);
+        let line = text.trim_start_matches('\u{FEFF}').trim();
         match self.dialect {
+            _ if line.is_empty() => Ok(ParsedLine::Nothing),
+            // Loggers describe themselves above the names.
+            None if line.starts_with('#') => Ok(ParsedLine::Nothing),
             None => {
                 self.dialect = Some(CsvDialect::from_header(line)?);
                 Ok(ParsedLine::Nothing)
@@ -71,6 +82,10 @@ impl LineFormat for CsvReader {
                     "data" => self.parse_byte(name, time, data),
                     _ => Ok(ParsedLine::Skipped("rows of other kinds")),
                 }
+            }
+            Some(CsvDialect::Named(table)) => {
+                let row = table.parse_row(line, &mut self.bytes)?;
+                Ok(ParsedLine::Record(row.with_bytes(&self.bytes)))
             }
         }
     }
@@ -95,7 +110,8 @@ impl CsvDialect {
         if let [Some(_), Some(_), Some(_), Some(_)] = table {
             return Ok(Self::SaleaeTable(table));
         }
-        Err(ReadError("the first line does not name timestamp, arbitration_id, dlc and data"))
+        let named = NamedTable::from_header(line).map(Self::Named);
+        named.ok_or(ReadError("the first line names no columns with the identifier and the data"))
     }
 }
 
@@ -177,10 +193,25 @@ impl CsvReader {
         self.bytes.clear();
         self.bytes.push(byte);
         self.link.clear();
+        let (name, direction) = split_analyzer(name);
         self.link.extend(name.chars().map(|c| if c.is_whitespace() { '_' } else { c }));
         let (time, link, data) = (Some(time), &*self.link, RecordData::Bytes(&self.bytes));
-        Ok(ParsedLine::Record(Record { time, link, direction: None, data, offset: 0 }))
+        Ok(ParsedLine::Record(Record { time, link, direction, data, offset: 0 }))
     }
+}
+
+/// The link and the direction of an analyzer by its name: `Async Serial [TX]`, `RX`. Two analyzers that differ in this
+/// word alone listen to one link.
+fn split_analyzer(name: &str) -> (&str, Option<Direction>) {
+    let bare = name.trim_end_matches(']');
+    let (link, word) = bare.rsplit_once([' ', '[', '_', '-']).unwrap_or(("", bare));
+    let direction = match word.to_ascii_uppercase().as_str() {
+        "TX" => Direction::ToDrive,
+        "RX" => Direction::ToHost,
+        _ => return (name, None),
+    };
+    let link = link.trim_end_matches([' ', '[', '_', '-']);
+    (if link.is_empty() { "uart" } else { link }, Some(direction))
 }
 
 /// A frame of python-can with these bytes, which are cut to its length.

@@ -40,9 +40,7 @@ impl CaptureFormat {
             _ if begins_with_word(b"date ", line) || begins_with_word(b"base ", line) => {
                 Some(Self::Asc)
             }
-            _ if csv::HEADERS.iter().any(|header| begins_with_word(header, line)) => {
-                Some(Self::Csv)
-            }
+            _ if csv::is_header(line) => Some(Self::Csv),
             _ if line.starts_with(b"***BUSMASTER") => Some(Self::Busmaster),
             _ if crtd::is_line(line) => Some(Self::Crtd),
             [b'{', ..] => Some(Self::Jsonl),

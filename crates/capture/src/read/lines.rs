@@ -56,6 +56,8 @@ pub(super) trait LineFormat: core::fmt::Debug + Send {
 #[derive(Debug)]
 pub(super) struct LineReader<L> {
     format: L,
+    /// The byte that ends a line.
+    end: u8,
     line_number: u64,
     /// Bytes in front of the line.
     offset: u64,
@@ -65,7 +67,12 @@ pub(super) struct LineReader<L> {
 
 impl<L: LineFormat> LineReader<L> {
     pub(super) fn new(format: L) -> Self {
-        Self { format, line_number: 0, offset: 0, skipping: false }
+        Self { format, end: b'\n', line_number: 0, offset: 0, skipping: false }
+    }
+
+    /// Cuts lines at this byte.
+    pub(super) fn with_end(self, end: u8) -> Self {
+        Self { end, ..self }
     }
 
     fn read_line(&mut self, line: &[u8], taker: &mut dyn RecordSink) {
@@ -102,7 +109,7 @@ impl<L: LineFormat> FormatReader for LineReader<L> {
                 });
                 bytes
             } else {
-                let Some(end) = memchr::memchr(b'\n', rest) else { break };
+                let Some(end) = memchr::memchr(self.end, rest) else { break };
                 if !(core::mem::take(&mut self.skipping)) {
                     self.read_line(&rest[..end], taker)
                 }

@@ -1,6 +1,7 @@
 //! Packets of pcap and pcapng files with CAN frames or serial bytes, by link type.
 
 use polepair_core::explain::Direction;
+use polepair_core::proto::modbus::rtu;
 
 use super::ReadError;
 use crate::record::{
@@ -28,13 +29,35 @@ const FD_PACKET: usize = 72;
 /// Flag of byte 5: a CAN FD frame.
 pub(crate) const FLAG_FD: u8 = 4;
 
-/// Content of a packet, and its sender if the link type has it.
-pub(super) type PacketContent<'a> = (Option<Direction>, RecordData<'a>);
+/// Content of a packet.
+#[derive(Debug)]
+pub(super) struct PacketContent<'a> {
+    /// The sender, if the link type has it.
+    pub direction: Option<Direction>,
+    pub data: RecordData<'a>,
+    /// Remark on how it was read.
+    pub note: Option<&'static str>,
+}
+
+impl<'a> PacketContent<'a> {
+    fn new(direction: Option<Direction>, data: RecordData<'a>) -> Self {
+        Self { direction, data, note: None }
+    }
+}
+
+/// Reason of a packet of a link type that is not read.
+pub(super) const OTHER_LINK_TYPE: ReadError = ReadError("the packet is of another link type");
+/// Name of such packets.
+pub(super) const OTHER_PACKETS: &str =
+    "packets of another link type than CAN (227), serial bytes (147) or a network with TCP";
+/// Remark on packets of link type 147 that other programs write.
+const BARE: &str = "serial packets have no byte of direction: read as frames of Modbus RTU or TMCL, whose check sums \
+                    hold";
 
 /// Reads a packet of that link type.
 pub(super) fn parse_packet(kind: u32, packet: &[u8]) -> Result<PacketContent<'_>, ReadError> {
     match kind {
-        CAN => Ok((None, parse_can(packet)?)),
+        CAN => Ok(PacketContent::new(None, parse_can(packet)?)),
         SERIAL => parse_serial(packet),
         COOKED => {
             let (header, rest) = packet.split_first_chunk::<16>().ok_or(SHORT)?;
@@ -44,9 +67,7 @@ pub(super) fn parse_packet(kind: u32, packet: &[u8]) -> Result<PacketContent<'_>
             let (header, rest) = packet.split_first_chunk::<20>().ok_or(SHORT)?;
             parse_cooked([header[0], header[1]], header[10], rest)
         }
-        _ => Err(ReadError(
-            "the packet is of another link type than CAN (227) or serial bytes (147)",
-        )),
+        _ => Err(OTHER_LINK_TYPE),
     }
 }
 
@@ -59,13 +80,20 @@ fn parse_cooked(
 ) -> Result<PacketContent<'_>, ReadError> {
     let direction = if kind == OUTGOING { Direction::ToDrive } else { Direction::ToHost };
     match u16::from_be_bytes(protocol) {
-        PROTOCOL_CAN | PROTOCOL_CAN_FD => Ok((Some(direction), parse_can(packet)?)),
+        PROTOCOL_CAN | PROTOCOL_CAN_FD => {
+            Ok(PacketContent::new(Some(direction), parse_can(packet)?))
+        }
         _ => Err(ReadError("the packet is not a CAN frame")),
     }
 }
 
 fn parse_serial(packet: &[u8]) -> Result<PacketContent<'_>, ReadError> {
     let (way, bytes) = packet.split_first().ok_or(SHORT)?;
+    // The link type is free for private use: sniffers of Modbus write the frame alone.
+    if is_bare_frame(packet) && !is_bare_frame(bytes) {
+        let data = RecordData::Bytes(packet);
+        return Ok(PacketContent { direction: None, data, note: Some(BARE) });
+    }
     let direction = match way {
         0 => None,
         1 => Some(Direction::ToDrive),
@@ -75,7 +103,22 @@ fn parse_serial(packet: &[u8]) -> Result<PacketContent<'_>, ReadError> {
     if bytes.is_empty() {
         return Err(ReadError("the packet has no bytes"));
     }
-    Ok((direction, RecordData::Bytes(bytes)))
+    Ok(PacketContent::new(direction, RecordData::Bytes(bytes)))
+}
+
+/// Returns whether bytes are one whole frame by their check sum.
+fn is_bare_frame(packet: &[u8]) -> bool {
+    let is_rtu = packet.len() >= 4 && rtu::crc_matches(packet);
+    is_rtu || tmcl_sum_matches(packet)
+}
+
+fn tmcl_sum_matches(packet: &[u8]) -> bool {
+    match packet {
+        [body @ .., sum] if body.len() == 8 => {
+            body.iter().fold(0_u8, |all, byte| all.wrapping_add(*byte)) == *sum
+        }
+        _ => false,
+    }
 }
 
 fn parse_can(packet: &[u8]) -> Result<RecordData<'_>, ReadError> {

@@ -3,6 +3,7 @@
 use pcap_parser::{PcapHeader, parse_pcap_header};
 use polepair_core::convert::tail;
 
+use super::link_type::PacketContent;
 use super::tcp::{self, PacketOrigin, TcpStreams};
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink, link_type};
 use crate::record::Record;
@@ -111,11 +112,13 @@ impl PcapReader {
             return Some(size);
         }
         match link_type::parse_packet(kind, packet) {
-            Ok((direction, data)) => {
+            Ok(PacketContent { direction, data, note }) => {
+                note.into_iter().for_each(|note| taker.handle_note(note));
                 let link = if kind == link_type::SERIAL { "serial0" } else { "can0" };
                 let (time, at) = (Some(Timestamp(time)), self.offset);
                 taker.handle_record(&Record { time, link, direction, data, offset: at });
             }
+            Err(link_type::OTHER_LINK_TYPE) => taker.handle_skipped(link_type::OTHER_PACKETS),
             Err(ReadError(reason)) => self.report_damage(reason, taker),
         }
         self.last_seconds = Some(head.seconds);

@@ -6,6 +6,7 @@ use pcap_parser::pcapng::{
 };
 use polepair_core::explain::Direction;
 
+use super::link_type::PacketContent;
 use super::tcp::{self, PacketOrigin, TcpStreams};
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink, link_type};
 use crate::record::Record;
@@ -197,11 +198,13 @@ impl PcapngReader {
         taker: &mut dyn RecordSink,
     ) {
         match link_type::parse_packet(interface.link_type, packet) {
-            Ok((direction, data)) => {
+            Ok(PacketContent { direction, data, note }) => {
+                note.into_iter().for_each(|note| taker.handle_note(note));
                 let direction = report.or(direction);
                 let (link, at) = (interface.name.as_str(), self.offset);
                 taker.handle_record(&Record { time, link, direction, data, offset: at });
             }
+            Err(link_type::OTHER_LINK_TYPE) => taker.handle_skipped(link_type::OTHER_PACKETS),
             Err(ReadError(reason)) => self.report_damage(reason, taker),
         }
     }

@@ -2,6 +2,8 @@
 
 use crate::{CaptureReader, Record};
 
+mod programs;
+
 /// The records of a file as `time link way data`, and the damage.
 fn read(file: &str) -> (Vec<String>, Vec<String>) {
     let (mut found, mut reader) = (Vec::new(), CaptureReader::default());
@@ -204,7 +206,28 @@ fn packets_of_every_interface_at_once() {
     assert_eq!(reader.statistics().skipped, [("packets that are not TCP", 1)]);
     let mut reader = CaptureReader::default();
     reader.feed(&pcap(195, &frame), &mut |_| panic!("another link type"));
-    assert_eq!(reader.statistics().damaged, 1);
+    let others =
+        "packets of another link type than CAN (227), serial bytes (147) or a network with TCP";
+    assert_eq!(reader.statistics().skipped, [(others, 1)]);
+}
+
+/// The private link type is also used for frames without a byte of direction.
+#[test]
+fn serial_packets_with_and_without_a_direction() {
+    let (rtu, tmcl) = ([1, 3, 1, 0x80, 0, 0x0A, 0xC5, 0xD9], [2, 6, 1, 0, 0, 0, 0, 0, 9]);
+    let directed = [&[1][..], &rtu].concat();
+    for (packet, expected, notes) in [
+        (&rtu[..], "- 01 03 01 80 00 0A C5 D9", 1),
+        (&tmcl, "- 02 06 01 00 00 00 00 00 09", 1),
+        (&directed, "- > 01 03 01 80 00 0A C5 D9", 0),
+    ] {
+        let (found, statistics) = read_all(&pcap(147, packet));
+        assert_eq!(
+            found,
+            [format!("(0000000001.500000) {}", expected.replacen('-', "serial0", 1))]
+        );
+        assert_eq!((statistics.notes.len(), statistics.damaged), (notes, 0), "{expected}");
+    }
 }
 
 #[test]

@@ -4,9 +4,13 @@
 use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
+use super::attached::{AttachedLine, AttachedLines};
 use super::digits::StampPrefix;
+use super::line_time::split_time;
 use super::lines::{LINE_MAX, LineFormat, ParsedLine, UsualLine};
-use super::tool_log::{self, ToolLine, parse_tool_line};
+use super::log_traits::LogTraits;
+use super::printed_frame::MINUTE_MS;
+use super::tool_log::{ToolLine, parse_tool_line, unwrap_line};
 use super::words::{HEX, split_word};
 use super::{ReadError, candump, digits, serial_log};
 use crate::record::{CanRecord, Record, RecordData, STANDARD_MAX};
@@ -19,8 +23,7 @@ pub(super) struct TextReader {
     context: LineContext,
     /// The line without colours.
     plain: Vec<u8>,
-    /// Times are differences to the line before.
-    delta: bool,
+    head: LogTraits,
     /// The sum of the differences so far.
     elapsed: u64,
     /// A record was read.
@@ -29,15 +32,37 @@ pub(super) struct TextReader {
     is_tool_log: bool,
     /// The last record is an error frame, which may be explained on the next line.
     after_error: bool,
+    minutes: AdapterClock,
+    attached: AttachedLines,
+}
+
+/// Times of a serial CAN adapter, which begin again each minute.
+#[derive(Debug, Default)]
+struct AdapterClock {
+    minutes: u64,
+    last_ms: u32,
+}
+
+impl AdapterClock {
+    fn unwrap_time(&mut self, ms: u32) -> Timestamp {
+        self.minutes += u64::from(ms < self.last_ms);
+        self.last_ms = ms;
+        Timestamp((self.minutes * u64::from(MINUTE_MS) + u64::from(ms)) * 1_000_000)
+    }
 }
 
 /// Lines that hold no data.
 const TEXT_LINES: &str = "lines of text";
 
 impl TextReader {
-    /// A reader of a log whose times are absolute, or differences.
-    pub(super) fn new(delta: bool) -> Self {
-        Self { delta, ..Self::default() }
+    /// A reader of a log with this head.
+    pub(super) fn new(head: LogTraits) -> Self {
+        Self { head, ..Self::default() }
+    }
+
+    /// Returns whether a line of another program was read.
+    pub(super) fn is_tool_log(&self) -> bool {
+        self.is_tool_log
     }
 }
 
@@ -48,26 +73,45 @@ impl LineFormat for TextReader {
         if after_error && line.starts_with(b"\t") {
             return Ok(ParsedLine::Nothing);
         }
+        // The byte order mark that Windows editors write.
+        let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line);
         let line = if line.contains(&ESCAPE) {
             strip_colours(line, &mut self.plain);
             &self.plain
         } else {
             line
         };
+        match self.attached.parse(line, &mut self.scratch)? {
+            None => {}
+            Some(AttachedLine::Nothing) => return Ok(ParsedLine::Nothing),
+            Some(AttachedLine::Bytes(raw)) => {
+                (self.has_records, self.is_tool_log) = (true, true);
+                let direction =
+                    raw.direction.filter(|_| self.head.has_answers || raw.time.is_some());
+                let raw = RawLine { direction, ..raw };
+                let record = raw.with_bytes(&self.scratch);
+                return Ok(ParsedLine::Record(self.head.orient(record)));
+            }
+        }
         // Prose between frames is damage in a capture, and normal in a program's log or above the first frame.
         let may_be_text = self.is_tool_log || !self.has_records;
         match parse_any_line(line, &mut self.scratch) {
             Ok(None) => Ok(ParsedLine::Nothing),
             Ok(Some(LogLine::Repeated)) => Ok(ParsedLine::Skipped("repeated lines")),
+            Ok(Some(LogLine::InMinute(record, ms))) => {
+                (self.has_records, self.is_tool_log) = (true, true);
+                let time = Some(self.minutes.unwrap_time(ms));
+                Ok(ParsedLine::Record(Record { time, ..record }))
+            }
             Ok(Some(LogLine::Record(mut record, is_tool))) => {
                 self.has_records = true;
                 self.is_tool_log |= is_tool;
                 self.after_error = matches!(record.data, RecordData::Error(_));
-                if let Some(time) = record.time.filter(|_| self.delta) {
+                if let Some(time) = record.time.filter(|_| self.head.has_delta_times) {
                     self.elapsed = self.elapsed.saturating_add(time.0);
                     record.time = Some(Timestamp(self.elapsed));
                 }
-                Ok(ParsedLine::Record(record))
+                Ok(ParsedLine::Record(self.head.orient(record)))
             }
             Err(_) if may_be_text && is_prose(line) => Ok(ParsedLine::Skipped(TEXT_LINES)),
             Err(error) => Err(error),
@@ -81,38 +125,6 @@ impl LineFormat for TextReader {
     fn usual_link(&self) -> &str {
         self.context.link()
     }
-}
-
-/// Times in a row, none less than the one before, after which they count as absolute.
-const RISES: usize = 16;
-
-/// Returns whether the times of a log are differences: the first is 0, and a later one is less than the one before.
-/// `None` while there are too few lines to decide.
-pub(super) fn detect_deltas(head: &[u8], enough: bool) -> Option<bool> {
-    let (mut last, mut rises) = (None, 0);
-    let whole =
-        if enough { head.len() } else { memchr::memrchr(b'\n', head).map_or(0, |at| at + 1) };
-    for line in head[..whole].split(|c| *c == b'\n') {
-        let line = line.trim_ascii_start();
-        let Some(end) = line.iter().position(|c| *c == b')').filter(|_| line.starts_with(b"("))
-        else {
-            continue;
-        };
-        let Some(time) = Timestamp::parse(line[1..end].trim_ascii()) else { continue };
-        match last {
-            // Times that begin with zero may be differences (`candump -td`) or count from the start (`-tz`).
-            None if time.0 > 0 => return Some(false),
-            None => {}
-            Some(last) if time < last => return Some(true),
-            Some(last) => rises += usize::from(time > last),
-        }
-        if rises >= RISES {
-            return Some(false);
-        }
-        last = Some(time);
-    }
-    // Without a single time there is nothing to wait for.
-    (enough || (last.is_none() && whole > 0)).then_some(false)
 }
 
 /// The control character that begins a colour.
@@ -144,6 +156,8 @@ fn is_prose(line: &[u8]) -> bool {
 enum LogLine<'a> {
     /// A record, and whether another program printed it as a line of its own kind.
     Record(Record<'a>, bool),
+    /// A record of a serial CAN adapter, with the milliseconds of the minute.
+    InMinute(Record<'a>, u32),
     /// Data that another line has as well.
     Repeated,
 }
@@ -153,12 +167,16 @@ enum LogLine<'a> {
 ///
 /// # Errors
 /// The fault of the line, in words.
-pub fn parse_log_line<'a>(
+#[cfg(test)]
+pub(crate) fn parse_log_line<'a>(
     line: &'a [u8],
     scratch: &'a mut Vec<u8>,
 ) -> Result<Option<Record<'a>>, ReadError> {
     Ok(match parse_any_line(line, scratch)? {
         Some(LogLine::Record(record, _)) => Some(record),
+        Some(LogLine::InMinute(record, ms)) => {
+            Some(Record { time: Some(Timestamp(u64::from(ms) * 1_000_000)), ..record })
+        }
         Some(LogLine::Repeated) | None => None,
     })
 }
@@ -185,12 +203,42 @@ fn parse_any_line<'a>(
         Ok(parsed) => Ok(Some(LogLine::Record(parsed.with_bytes(scratch), false))),
         Err(_) if let Some(data) = before_comment(line) => parse_any_line(data, scratch),
         // Last, because the forms of programs are loose and would take a damaged line of the exact forms.
-        Err(error) => match parse_tool_line(line, scratch) {
-            Some(ToolLine::Record(record)) => Ok(Some(LogLine::Record(record, true))),
-            Some(ToolLine::Repeated) => Ok(Some(LogLine::Repeated)),
-            None => Err(error),
-        },
+        Err(error) => parse_foreign_line(line, scratch).ok_or(error).map(Some),
     }
+}
+
+/// A line of another program, or one that another program wrapped.
+fn parse_foreign_line<'a>(line: &'a [u8], scratch: &'a mut Vec<u8>) -> Option<LogLine<'a>> {
+    if let Some((time, message)) = unwrap_line(line) {
+        return parse_message(time, message, scratch);
+    }
+    Some(match parse_tool_line(line, scratch) {
+        Some(ToolLine::Record(raw)) => LogLine::Record(raw.with_bytes(scratch), true),
+        Some(ToolLine::InMinute(raw, ms)) => LogLine::InMinute(raw.with_bytes(scratch), ms),
+        Some(ToolLine::Repeated) => LogLine::Repeated,
+        // A line of ours with another time in front of it.
+        None => {
+            let (time, message) = split_time(std::str::from_utf8(line).ok()?)?;
+            return parse_message(Some(time), message.as_bytes(), scratch);
+        }
+    })
+}
+
+/// A line inside another one, which has a time if the inner line has none.
+fn parse_message<'a>(
+    time: Option<Timestamp>,
+    message: &'a [u8],
+    scratch: &'a mut Vec<u8>,
+) -> Option<LogLine<'a>> {
+    Some(match parse_any_line(message, scratch).ok()?? {
+        LogLine::Record(record, _) => {
+            LogLine::Record(Record { time: record.time.or(time), ..record }, true)
+        }
+        LogLine::InMinute(record, _) if time.is_some() => {
+            LogLine::Record(Record { time, ..record }, true)
+        }
+        other => other,
+    })
 }
 
 /// The part of a line before `//`, as manuals annotate their frames. A path or the address of a link has none behind
@@ -203,16 +251,23 @@ fn before_comment(line: &[u8]) -> Option<&[u8]> {
 }
 
 /// A line whose data is in the buffer for bytes.
-struct RawLine<'a> {
-    time: Option<Timestamp>,
-    link: &'a str,
-    direction: Option<Direction>,
+pub(super) struct RawLine<'a> {
+    pub time: Option<Timestamp>,
+    pub link: &'a str,
+    pub direction: Option<Direction>,
     /// `None` for bytes of a serial line.
-    can: Option<CanRecord>,
+    pub can: Option<CanRecord>,
+}
+
+impl Default for RawLine<'_> {
+    fn default() -> Self {
+        Self { time: None, link: "-", direction: None, can: None }
+    }
 }
 
 impl<'a> RawLine<'a> {
-    fn with_bytes(self, bytes: &'a [u8]) -> Record<'a> {
+    /// The line as a record.
+    pub(super) fn with_bytes(self, bytes: &'a [u8]) -> Record<'a> {
         let data = self.can.map_or(RecordData::Bytes(bytes), |can| can.with_bytes(bytes));
         let Self { time, link, direction, .. } = self;
         Record { time, link, direction, data, offset: 0 }
@@ -316,7 +371,9 @@ fn parse_stamped<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Result<RawLine<'a
         line.iter().position(|c| *c == b')').ok_or(ReadError("the time stamp has no end"))?;
     let time = parse_stamp_text(line[1..close].trim_ascii())
         .ok_or(ReadError("the time stamp is not seconds with decimals"))?;
-    let (link, rest) = split_word(&line[close + 1..]);
+    let after = line[close + 1..].trim_ascii_start();
+    // Programs with one bus leave its name out.
+    let (link, rest) = if is_frame(after) { (&b"-"[..], after) } else { split_word(after) };
     let link = link_name(link)?;
     if link.is_empty() {
         return Err(ReadError("no link follows the time stamp"));
@@ -330,10 +387,7 @@ fn parse_unstamped<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Result<RawLine<
     let (first, after) = split_word(line);
     let named = match after.first() {
         Some(b'>' | b'<') => !matches!(first, b">" | b"<"),
-        _ => {
-            !first.contains(&b'#')
-                && (split_word(after).0.contains(&b'#') || candump::is_screen_line(after))
-        }
+        _ => !is_frame(line) && is_frame(after) && !is_logger_name(first),
     };
     let (link, rest) = if named { (first, after) } else { (&b"-"[..], line) };
     let (direction, can) = parse_body(rest, scratch)?;
@@ -343,10 +397,20 @@ fn parse_unstamped<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Result<RawLine<
 /// Seconds, or with `candump -tA` a date and a time: `2026-11-27 12:34:56.123456`.
 fn parse_stamp_text(text: &[u8]) -> Option<Timestamp> {
     Timestamp::parse(text).or_else(|| {
-        let (date, clock) = std::str::from_utf8(text).ok()?.split_once(' ')?;
-        let (clock, ns) = tool_log::parse_clock(clock)?;
-        crate::date::from_calendar(tool_log::parse_date(date)?, clock, ns)
+        let text = std::str::from_utf8(text).ok()?;
+        split_time(text).filter(|(_, rest)| rest.is_empty()).map(|(time, _)| time)
     })
+}
+
+/// Returns whether a word is a logger's name behind its level, as Python writes it: `DEBUG:canopen.network:sent`.
+fn is_logger_name(word: &[u8]) -> bool {
+    [&b"DEBUG:"[..], b"INFO:", b"WARNING:"].iter().any(|level| word.starts_with(level))
+}
+
+/// Returns whether a text is a CAN frame as candump writes it to a log or on the screen. Its first word decides: a `#`
+/// further on is a comment, or a byte as text.
+fn is_frame(text: &[u8]) -> bool {
+    split_word(text).0.contains(&b'#') || candump::is_screen_line(text)
 }
 
 fn link_name(link: &[u8]) -> Result<&str, ReadError> {
@@ -358,7 +422,7 @@ fn parse_body(
     rest: &[u8],
     scratch: &mut Vec<u8>,
 ) -> Result<(Option<Direction>, Option<CanRecord>), ReadError> {
-    let (direction, can) = if rest.contains(&b'#') {
+    let (direction, can) = if split_word(rest).0.contains(&b'#') {
         candump::parse_log(rest, scratch)?
     } else if candump::is_screen_line(rest) {
         candump::parse_screen(rest, scratch)?

@@ -2,20 +2,26 @@
 //! notations.
 //!
 //! A line may begin with a date or a time, and with the words of a logger. What counts is a known marker with
-//! bytes after it, or a CAN frame. Examples are in docs/reference/capture-formats.md.
+//! bytes after it, a CAN frame, or [columns](MarkedLine) that are all known. Examples are in
+//! docs/reference/capture-formats.md.
 
 use polepair_core::explain::Direction;
 
-use super::candump;
-use super::words::{parse_hex, parse_hex_digit};
-use crate::date;
-use crate::record::{CanRecord, ID_MASK, Record, RecordData, STANDARD_MAX, classic_frame};
+use super::byte_text::{first_column, is_trailer, parse_bytes};
+use super::line_time::split_time;
+use super::marked_line::MarkedLine;
+use super::printed_frame::{PrintedFrame, parse_python_can};
+use super::text::RawLine;
+use super::{candump, gbk};
+use crate::record::{CanRecord, STANDARD_MAX, classic_frame};
 use crate::timestamp::Timestamp;
 
 /// Content of a line of another program.
 pub(super) enum ToolLine<'a> {
     /// Data.
-    Record(Record<'a>),
+    Record(RawLine<'a>),
+    /// Data with the milliseconds of a minute, from which the time follows.
+    InMinute(RawLine<'a>, u32),
     /// Data that another line has as well.
     Repeated,
 }
@@ -47,138 +53,86 @@ const REPEATED: [&str; 2] = ["processing:", "handling data:"];
 /// Fewest bytes after a marker that count as data.
 const BYTES_MIN: usize = 2;
 
-/// Parses a line of another program. `None` where it has no data. Serial bytes are put into `scratch`.
-pub(super) fn parse_tool_line<'a>(
-    line: &'a [u8],
-    scratch: &'a mut Vec<u8>,
-) -> Option<ToolLine<'a>> {
-    let line = std::str::from_utf8(line).ok()?.trim();
-    let (time, text) = split_time(line);
+/// Parses a line of another program. `None` where it has no data. Its bytes are put into `scratch`.
+pub(super) fn parse_tool_line<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Option<ToolLine<'a>> {
+    let Ok(line) = std::str::from_utf8(line) else { return parse_foreign_text(line, scratch) };
+    let line = line.trim();
     scratch.clear();
-    if let Some(record) = parse_python_can(text) {
-        return Some(ToolLine::Record(record));
+    if let Some(message) = parse_python_can(line, scratch) {
+        return Some(ToolLine::Record(message));
     }
-    if let Some((direction, data)) = parse_frame_token(text, scratch) {
-        let data = data.with_bytes(scratch);
-        return Some(ToolLine::Record(Record { time, link: "-", direction, data, offset: 0 }));
+    let (time, text) = split_time(line).map_or((None, line), |(time, rest)| (Some(time), rest));
+    let raw = RawLine { time, ..RawLine::default() };
+    if let Some((direction, can)) = parse_frame_token(text, scratch) {
+        return Some(ToolLine::Record(RawLine { direction, can: Some(can), ..raw }));
     }
-    if let Some((id, data)) = split_id(text) {
-        parse_bytes(data, scratch).filter(|rest| rest.is_empty() && scratch.len() <= 8)?;
-        let data = RecordData::Frame(classic_frame(id, false, false, scratch.len() as u8, scratch));
-        return Some(ToolLine::Record(Record {
-            time,
-            link: "-",
-            direction: None,
-            data,
-            offset: 0,
-        }));
+    scratch.clear();
+    if let Some((id, data)) = split_id(text)
+        && parse_bytes(data, scratch).is_some_and(str::is_empty)
+        && scratch.len() <= 8
+    {
+        let frame = classic_frame(id, false, false, scratch.len() as u8, scratch);
+        return Some(ToolLine::Record(RawLine { can: Some(CanRecord::Frame(frame)), ..raw }));
+    }
+    if let Some(found) = PrintedFrame::parse(line) {
+        let (link, direction, can) = (found.link.unwrap_or("-"), found.direction, found.record());
+        let raw = RawLine { time: found.time, link, direction, can: Some(can) };
+        return Some(match found.minute_ms.filter(|_| found.time.is_none()) {
+            Some(ms) => ToolLine::InMinute(raw, ms),
+            None => ToolLine::Record(raw),
+        });
     }
     // Programs disagree about capital letters, also between their own versions.
     let lower = text.to_ascii_lowercase();
+    scratch.clear();
     if let Some(at) = REPEATED.iter().find_map(|marker| find_marker(&lower, marker)) {
         let bytes = parse_bytes(&text[at..], scratch).is_some() && scratch.len() >= BYTES_MIN;
         return bytes.then_some(ToolLine::Repeated);
     }
-    let direction = parse_decoded(text, scratch)
-        .or_else(|| parse_brackets(text, scratch))
+    let direction = parse_decoded(text, scratch).or_else(|| parse_brackets(text, scratch));
+    if direction.is_none()
+        && let Some(found) = MarkedLine::parse(line, scratch)
+    {
+        return Some(ToolLine::Record(found.raw_line()));
+    }
+    let direction = direction
         .or_else(|| parse_marked(text, &lower, scratch))
         .or_else(|| parse_bare(text, scratch))?;
-    let data = RecordData::Bytes(scratch);
-    Some(ToolLine::Record(Record { time, link: "-", direction, data, offset: 0 }))
+    Some(ToolLine::Record(RawLine { direction, ..raw }))
 }
 
-/// Splits off a date and a time, a time of day, or seconds in brackets at the start of a line.
-fn split_time(line: &str) -> (Option<Timestamp>, &str) {
-    let open = line.strip_prefix('[').unwrap_or(line);
-    let (first, rest) = split_at_space(open);
-    if let Some(date) = parse_date(first) {
-        let (clock, rest) = split_at_space(rest);
-        if let Some((clock, ns)) = parse_clock(clock.trim_end_matches([']', 'Z'])) {
-            return (date::from_calendar(date, clock, ns), rest);
-        }
-    }
-    if let Some((date, clock)) = first.split_once('T')
-        && let (Some(date), Some((clock, ns))) =
-            (parse_date(date), parse_clock(clock.trim_end_matches([']', 'Z'])))
+/// A line with columns that is not UTF-8.
+fn parse_foreign_text<'a>(line: &[u8], scratch: &mut Vec<u8>) -> Option<ToolLine<'a>> {
+    let found = MarkedLine::parse(gbk::decode(line).trim(), scratch)?.raw_line_on("-");
+    Some(ToolLine::Record(found))
+}
+
+/// The message of a line that another program wrapped: a quoted line, one of a mail, or one of a system log, with the
+/// time of the wrapping.
+pub(super) fn unwrap_line(line: &[u8]) -> Option<(Option<Timestamp>, &[u8])> {
+    if let [b'"', inner @ .., b'"'] = line
+        && !inner.contains(&b'"')
     {
-        return (date::from_calendar(date, clock, ns), rest);
+        return Some((None, inner));
     }
-    if let Some((clock, ns)) = parse_clock(first.trim_end_matches(']')) {
-        return (date::from_calendar([1970, 1, 1], clock, ns), rest);
+    if let Some(quoted) = line.strip_prefix(b"> ").filter(|quoted| quoted.starts_with(b"(")) {
+        return Some((None, quoted));
     }
-    if open.len() < line.len() && ends_bracket(first) && first.contains('.') {
-        let time = Timestamp::parse(first.trim_end_matches(']').as_bytes());
-        return (time, if time.is_some() { rest } else { line });
-    }
-    (None, line)
+    let (time, rest) = split_time(std::str::from_utf8(line).ok()?)?;
+    Some((Some(time), split_origin(rest)?.as_bytes()))
 }
 
-fn ends_bracket(word: &str) -> bool {
-    word.ends_with(']')
-}
-
-/// `2026-11-27`.
-pub(super) fn parse_date(word: &str) -> Option<[u16; 3]> {
-    let mut parts = word.split('-');
-    let date =
-        [parts.next()?.parse().ok()?, parts.next()?.parse().ok()?, parts.next()?.parse().ok()?];
-    (parts.next().is_none() && word.len() == 10).then_some(date)
-}
-
-/// `12:34:56.789`, also with a comma, or without decimals.
-pub(super) fn parse_clock(word: &str) -> Option<([u16; 3], u32)> {
-    let (clock, decimals) = word.split_once(['.', ',']).unwrap_or((word, ""));
-    let mut parts = clock.split(':');
-    let clock =
-        [parts.next()?.parse().ok()?, parts.next()?.parse().ok()?, parts.next()?.parse().ok()?];
-    if parts.next().is_some() || !decimals.bytes().all(|c| c.is_ascii_digit()) {
-        return None;
-    }
-    let digits = decimals.bytes().chain(core::iter::repeat(b'0')).take(9);
-    Some((clock, digits.fold(0, |ns, digit| ns * 10 + u32::from(digit - b'0'))))
+/// The message behind `host program[123]: `.
+fn split_origin(text: &str) -> Option<&str> {
+    let (origin, message) = text.split_once("]: ")?;
+    let (names, number) = origin.rsplit_once('[')?;
+    let is_number = !number.is_empty() && number.bytes().all(|c| c.is_ascii_digit());
+    (is_number && names.split(' ').count() <= 2).then_some(message)
 }
 
 fn split_at_space(text: &str) -> (&str, &str) {
     let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     (word, rest.trim_start())
-}
-
-/// A message as python-can prints it: `Timestamp: 1.5  ID: 0601  S Rx  DL: 8  40 41 …  Channel: can0`.
-fn parse_python_can(text: &str) -> Option<Record<'_>> {
-    let begin = text.find("Timestamp:")?;
-    let mut words = text[begin..].split_ascii_whitespace().peekable();
-    words.next();
-    let time = Timestamp::parse(words.next()?.as_bytes())?;
-    words.next().filter(|word| *word == "ID:")?;
-    let id = u32::from_str_radix(words.next()?, 16).ok()?;
-    let (mut extended, mut remote, mut direction) = (false, false, None);
-    loop {
-        match words.next()? {
-            "X" => extended = true,
-            "R" => remote = true,
-            "Rx" => direction = Some(Direction::ToHost),
-            "Tx" => direction = Some(Direction::ToDrive),
-            // Error and CAN FD frames have no place in a classic frame.
-            "E" | "F" => return None,
-            "DL:" | "DLC:" => break,
-            _ => {}
-        }
-    }
-    let length: u8 = words.next()?.parse().ok().filter(|length| *length <= 8)?;
-    let mut bytes = [0; 8];
-    if !remote {
-        for byte in &mut bytes[..usize::from(length)] {
-            *byte = u8::from_str_radix(words.next().filter(|word| word.len() == 2)?, 16).ok()?;
-        }
-    }
-    let link = text.rsplit_once("Channel:").map_or("-", |(_, name)| name.trim());
-    let link = if link.is_empty() { "-" } else { link };
-    // A longer number in that column is not an identifier.
-    if id > if extended { ID_MASK } else { STANDARD_MAX } {
-        return None;
-    }
-    let data = RecordData::Frame(classic_frame(id, extended, remote, length, &bytes));
-    Some(Record { time: Some(time), link, direction, data, offset: 0 })
 }
 
 /// The first word of the form `IDENTIFIER#DATA`, with the words of data after it.
@@ -229,18 +183,6 @@ fn parse_marked(text: &str, lower: &str, scratch: &mut Vec<u8>) -> Option<Option
     None
 }
 
-/// Returns whether text after the bytes is one that the libraries append, and not the rest of other data.
-fn is_trailer(rest: &str) -> bool {
-    let first = rest.chars().next();
-    first.is_none_or(|c| matches!(c, '(' | '<' | '>' | '[' | '\'' | '"'))
-        || ["old_data", "extra", "addr", "bytes"].iter().any(|word| rest.starts_with(word))
-}
-
-/// The text up to a gap of two spaces.
-fn first_column(text: &str) -> &str {
-    text.split_once("  ").map_or(text, |(column, _)| column)
-}
-
 /// A line of `polepair decode`: `0.000000  ttyUSB0 > tmcl  01 06 01 00 00 00 00 00 08  GAP 1, 0`.
 fn parse_decoded(text: &str, scratch: &mut Vec<u8>) -> Option<Option<Direction>> {
     let (before, after, direction) = match (text.split_once(" > "), text.split_once(" < ")) {
@@ -281,59 +223,6 @@ fn parse_bare(text: &str, scratch: &mut Vec<u8>) -> Option<Option<Direction>> {
     (marked && parse_bytes(text, scratch)?.is_empty()).then_some(None)
 }
 
-/// Parses bytes: `01 03`, `0x1 0x3`, `01,03`, `b'\x01\x03'`. Returns the text after them; `None` where
-/// there are none.
-fn parse_bytes<'t>(text: &'t str, bytes: &mut Vec<u8>) -> Option<&'t str> {
-    let text = text.trim_start();
-    let quoted = text.strip_prefix('b').unwrap_or(text);
-    if let Some(quote) = quoted.chars().next().filter(|c| matches!(c, '\'' | '"' | '\\')) {
-        return parse_escapes(quoted, quote, bytes);
-    }
-    const SEPARATORS: [char; 5] = [' ', ',', '\t', '-', ':'];
-    let mut rest = text;
-    while !rest.is_empty() {
-        let (word, after) = rest.split_at(rest.find(SEPARATORS).unwrap_or(rest.len()));
-        let number = word.strip_prefix("0x").or_else(|| word.strip_prefix("0X"));
-        let digits = number.unwrap_or(word).as_bytes();
-        if !digits.iter().all(u8::is_ascii_hexdigit) {
-            break;
-        }
-        match digits {
-            [digit] if number.is_some() => bytes.push(parse_hex_digit(*digit).ok()?),
-            [_, ..] if digits.len().is_multiple_of(2) => parse_hex(digits, bytes).ok()?,
-            _ => break,
-        }
-        rest = after.trim_start_matches(SEPARATORS);
-    }
-    (!bytes.is_empty()).then_some(rest)
-}
-
-/// Parses the bytes of a Python literal, `\x01\x03A\r`, up to the closing quote.
-fn parse_escapes<'t>(text: &'t str, quote: char, bytes: &mut Vec<u8>) -> Option<&'t str> {
-    let quoted = quote != '\\';
-    let mut chars = if quoted { &text[quote.len_utf8()..] } else { text }.chars();
-    while let Some(c) = chars.next() {
-        let byte = match c {
-            _ if quoted && c == quote => return Some(chars.as_str().trim_start()),
-            '\\' => match chars.next()? {
-                'x' => {
-                    let digits = chars.as_str().get(..2)?;
-                    chars = chars.as_str()[2..].chars();
-                    u8::from_str_radix(digits, 16).ok()?
-                }
-                'r' => b'\r',
-                'n' => b'\n',
-                't' => b'\t',
-                other => u8::try_from(other).ok()?,
-            },
-            _ => u8::try_from(c).ok()?,
-        };
-        bytes.push(byte);
-    }
-    // Without quotes, the end of the line ends the bytes.
-    (!quoted).then_some("")
-}
-
 #[cfg(test)]
 mod tests {
     use super::{ToolLine, parse_tool_line};
@@ -345,7 +234,9 @@ mod tests {
         match parse_tool_line(line.as_bytes(), &mut scratch) {
             None => "nothing".to_owned(),
             Some(ToolLine::Repeated) => "repeated".to_owned(),
-            Some(ToolLine::Record(record)) => {
+            Some(ToolLine::InMinute(..)) => "a time within a minute".to_owned(),
+            Some(ToolLine::Record(raw)) => {
+                let record = raw.with_bytes(&scratch);
                 let way = match record.direction {
                     None => "?",
                     Some(polepair_core::explain::Direction::ToDrive) => ">",

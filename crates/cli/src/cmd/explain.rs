@@ -1,7 +1,9 @@
 //! `polepair explain PROTO CODE|BYTES`
 
 use clap::{Args, ValueEnum};
-use polepair_capture::{Explanation, ExplanationField, ExplanationValue, parse_log_line};
+use polepair_capture::{
+    Explanation, ExplanationField, ExplanationValue, RecordData, read_first_record,
+};
 use polepair_core::explain::{Context, Direction, Dissector};
 use polepair_core::profile::{Fault, Profile, Severity};
 use polepair_core::proto;
@@ -14,7 +16,7 @@ use crate::terminal::{TextTable, colour_out};
 /// Explains a code, a register value, or every byte of a frame.
 ///
 /// One number is a code: a status, an exception, a fault or fault bits. A name and a number are a register
-/// and its value. Several bytes are a frame.
+/// and its value. Several bytes are a frame, alone or in a line of any log that `decode` reads.
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
@@ -26,7 +28,8 @@ Examples:
   polepair explain canopen statusword 0x0237          bits of a word
   polepair explain syntron-ts Fn_100 1053             digits of a register
   polepair explain tmcl 01 01 00 00 00 00 01 5E 61    a frame, byte by byte
-  polepair explain tmcl 001#0100000000015E            a CAN frame")]
+  polepair explain tmcl 001#0100000000015E            a CAN frame
+  polepair explain modbus-rtu '[RTU]>Rx > 12:48:40:533 - 01 03 02 00 05 78 47'   a line of a log")]
 pub struct Explain {
     /// Protocol or drive: tmcl, modbus-rtu, tmcm-171, …
     #[arg(value_name = "PROTO")]
@@ -73,24 +76,30 @@ impl Explain {
     }
 
     fn explain_frame(&self, subject: &ExplainSubject, text: &str) -> Result<String> {
-        let mut bytes = Vec::new();
-        let line = parse_log_line(text.as_bytes(), &mut bytes).ok().flatten();
-        let line = line.ok_or_else(|| self.unknown(text))?;
-        let (frame, bytes) = match line.data {
-            polepair_capture::RecordData::Bytes(bytes) => (None, bytes.to_vec()),
-            polepair_capture::RecordData::Frame(frame) => (Some(frame), frame.bytes().to_vec()),
-            polepair_capture::RecordData::Error(error) => {
-                let words: Vec<&str> = error.descriptions().collect();
-                return Ok(format!("error frame: {}\n", words.join(", ")));
-            }
-            polepair_capture::RecordData::Fd(_) => return Err(self.unknown(text)),
+        let record = read_first_record(text, |record| {
+            let (frame, bytes) = match &record.data {
+                RecordData::Bytes(bytes) => (None, bytes.to_vec()),
+                RecordData::Frame(frame) => (Some(*frame), frame.bytes().to_vec()),
+                RecordData::Error(error) => {
+                    let words: Vec<&str> = error.descriptions().collect();
+                    return Err(Some(format!("error frame: {}\n", words.join(", "))));
+                }
+                RecordData::Fd(_) => return Err(None),
+            };
+            Ok((frame, bytes, record.direction))
+        });
+        let (frame, bytes, direction) = match record {
+            Some(Ok(found)) => found,
+            Some(Err(Some(text))) => return Ok(text),
+            Some(Err(None)) | None => return Err(self.unknown(text)),
         };
         let (extended, remote) = frame.map_or((false, false), |f| (f.extended, f.remote));
         let id = frame.map(|frame| frame.id);
-        let direction = self.from.map(|from| match from {
+        let stated = self.from.map(|from| match from {
             FrameSender::Host => Direction::ToDrive,
             FrameSender::Drive => Direction::ToHost,
         });
+        let direction = stated.or(direction);
         let profile = subject.naming_profile();
         let context = Context { direction, profile, id, extended, remote, ..Context::default() };
         let mut explained = Explanation::default();
