@@ -436,6 +436,13 @@ impl CaptureDecoder {
         }
     }
 
+    /// Returns whether requests have no answers on a link without a name, of which no drive's frame was seen: the log
+    /// of a program that may print what it sends and nothing else.
+    #[must_use]
+    pub fn has_requests_only(&self) -> bool {
+        self.links.iter().any(|wire| wire.session.has_requests_only())
+    }
+
     /// Statistics of the read and unreadable records.
     #[must_use]
     pub fn statistics(&self) -> &ReadStatistics {
@@ -482,7 +489,7 @@ impl CaptureDecoder {
                 repeats: RepeatCache::default(),
                 flows: Default::default(),
                 conversation: Conversation::with_echo(echoes),
-                session: LinkSession::default(),
+                session: LinkSession::new(name),
             });
             self.links.len() - 1
         })

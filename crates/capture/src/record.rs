@@ -176,6 +176,9 @@ impl CanRecord {
     }
 }
 
+/// Link of a record whose capture names none.
+pub(crate) const NO_LINK: &str = "-";
+
 /// A classic frame from what most formats store.
 pub(crate) fn classic_frame(id: u32, extended: bool, remote: bool, len: u8, bytes: &[u8]) -> Frame {
     let mut data = [0; 8];

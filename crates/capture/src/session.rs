@@ -15,7 +15,7 @@ use polepair_core::profile::Profile;
 
 use crate::defect::FrameDefect;
 use crate::explanation::Explanation;
-use crate::record::CanErrorFrame;
+use crate::record::{CanErrorFrame, NO_LINK};
 use crate::timestamp::Timestamp;
 use canopen::ProcessData;
 
@@ -341,9 +341,68 @@ pub(crate) trait ProtocolTracker: Debug + Send {
 #[derive(Debug, Default)]
 pub(crate) struct LinkSession {
     trackers: Vec<(InternedName, Box<dyn ProtocolTracker>)>,
+    /// Doubts on a link of which no frame of a drive has been seen, where that proves nothing.
+    one_sided: Option<OneSidedLink>,
+}
+
+/// A link whose capture may hold the host's side alone: a line of another program's log names no link, and many of them
+/// print what they send and nothing else.
+#[derive(Debug, Default)]
+struct OneSidedLink {
+    /// Missing answers, until a drive's frame shows that answers are recorded.
+    held: Vec<SessionNotice>,
+}
+
+/// Missing answers that are kept.
+const HELD_MAX: usize = 64;
+
+impl OneSidedLink {
+    /// Keeps the notices of missing answers back.
+    fn hold(&mut self, time: Option<Timestamp>, notices: &mut Vec<SessionNotice>) {
+        let is_doubt = |notice: &mut SessionNotice| {
+            let kinds = [AnomalyKind::Unanswered, AnomalyKind::Retry, AnomalyKind::Silent];
+            matches!(notice, SessionNotice::Anomaly(anomaly) if kinds.contains(&anomaly.kind))
+        };
+        for notice in notices.iter_mut() {
+            if let SessionNotice::Exchange(exchange) = notice
+                && exchange.outcome == ExchangeOutcome::Unanswered
+            {
+                exchange.outcome = ExchangeOutcome::Unknown;
+            }
+        }
+        for mut notice in notices.extract_if(.., is_doubt) {
+            if let SessionNotice::Anomaly(anomaly) = &mut notice {
+                anomaly.time = anomaly.time.or(time);
+            }
+            if self.held.len() < HELD_MAX {
+                self.held.push(notice);
+            }
+        }
+    }
+}
+
+/// Returns whether a notice shows a frame of a drive.
+fn shows_drive(notice: &SessionNotice) -> bool {
+    match notice {
+        SessionNotice::Exchange(exchange) => exchange.answered.is_some(),
+        SessionNotice::Change(change) => change.what == "presence",
+        SessionNotice::Fault(_) => true,
+        SessionNotice::Signal(_) | SessionNotice::Anomaly(_) => false,
+    }
 }
 
 impl LinkSession {
+    /// The session of a link.
+    pub fn new(link: &str) -> Self {
+        let one_sided = (link == NO_LINK).then(OneSidedLink::default);
+        Self { one_sided, ..Self::default() }
+    }
+
+    /// Returns whether answers are missing on a link whose capture may have none.
+    pub fn has_requests_only(&self) -> bool {
+        self.one_sided.as_ref().is_some_and(|link| !link.held.is_empty())
+    }
+
     /// Handles a frame in its conversation.
     pub fn handle_frame(
         &mut self,
@@ -362,6 +421,15 @@ impl LinkSession {
             self.trackers.len() - 1
         });
         self.trackers[at].1.handle_frame(observed, explanation, notices);
+        let is_received = observed.direction == Some(Direction::ToHost);
+        if let Some(link) = &mut self.one_sided {
+            if is_received || notices.iter().any(shows_drive) {
+                notices.splice(0..0, core::mem::take(&mut link.held));
+                self.one_sided = None;
+            } else {
+                link.hold(observed.time, notices);
+            }
+        }
     }
 
     /// Meaning of a frame that changes nothing, on a link with one protocol.
@@ -394,6 +462,9 @@ impl LinkSession {
         for (protocol, follower) in &mut self.trackers {
             let mut notices = Vec::new();
             follower.finish(&mut notices);
+            if let Some(link) = &mut self.one_sided {
+                link.hold(None, &mut notices);
+            }
             notices.iter().for_each(|notice| report_line(protocol, notice));
         }
     }

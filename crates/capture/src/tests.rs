@@ -275,3 +275,40 @@ fn without_words_the_rest_stays_the_same() {
         }
     }
 }
+
+/// A program's log with requests alone accuses no drive, until an answer shows that answers are in it.
+#[test]
+fn a_log_of_requests_alone_accuses_no_drive() {
+    let requests = [
+        ("modbus-rtu", "Tx: 01 03 00 33 00 01 74 05\n", "Rx: 01 03 02 00 05 78 47\n"),
+        ("tmcl", "Tx: 01 06 01 00 00 00 00 00 08\n", "Rx: 02 01 64 06 00 00 02 C7 36\n"),
+        (
+            "canopen",
+            "DEBUG sent 601#4041600000000000\nDEBUG sent 601#4064600000000000\n",
+            "DEBUG 581#4364600010000000\n",
+        ),
+    ];
+    let doubts = |protocol: &str, log: &str| {
+        let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
+        let mut doubts = 0;
+        let mut count = |event: &crate::DecodedFrame<'_>| {
+            doubts += event
+                .notices
+                .iter()
+                .filter(|notice| matches!(notice, crate::session::SessionNotice::Anomaly(_)))
+                .count();
+        };
+        decoder.feed(log.as_bytes(), &mut count);
+        decoder.finish(&mut count);
+        decoder.finish_sessions(&mut count);
+        (doubts, decoder.has_requests_only())
+    };
+    for (protocol, sent, received) in requests {
+        let alone = sent.repeat(4);
+        let (found, only) = doubts(protocol, &alone);
+        assert_eq!((found, only), (0, true), "{protocol}");
+        // The first answer shows that the earlier ones are missing; a search for nodes is not held against them.
+        let (found, only) = doubts(protocol, &format!("{alone}{sent}{received}"));
+        assert!(!only && (found > 0 || protocol == "canopen"), "{protocol}: {found}");
+    }
+}

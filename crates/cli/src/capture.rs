@@ -478,6 +478,10 @@ pub fn remarks(decoder: &CaptureDecoder) -> Vec<Remark> {
              capture; --times delta reads differences"
         )));
     }
+    if decoder.has_requests_only() {
+        let requests = "only requests are in this log: it does not show whether they were answered";
+        remarks.push(Remark::Note(requests.to_owned()));
+    }
     remarks.extend(read_remarks(decoder.statistics()));
     remarks
 }

@@ -29,7 +29,13 @@ pub(super) struct AttachedLines {
     header: Option<LineHeader>,
     /// Positions in the dumps of either side.
     dumps: [HexDump; 2],
+    /// Bytes of the dump so far, of the side of the last line. Frames are not cut where its lines are.
+    block: Vec<u8>,
+    is_answer: bool,
 }
+
+/// Bytes of a dump that are kept together.
+const BLOCK_MAX: usize = 1 << 16;
 
 /// A line that belongs to others.
 pub(super) enum AttachedLine {
@@ -70,11 +76,34 @@ impl AttachedLines {
             None => None,
             Some(DumpLine::End) => Some(AttachedLine::Nothing),
             Some(DumpLine::Bytes) => {
-                let direction = if is_answer { Direction::ToHost } else { Direction::ToDrive };
-                let direction = Some(direction);
-                Some(AttachedLine::Bytes(RawLine { direction, ..RawLine::default() }))
+                debug_assert!(self.block.is_empty() || self.is_answer == is_answer);
+                self.is_answer = is_answer;
+                self.block.extend_from_slice(bytes);
+                Some(AttachedLine::Nothing)
             }
         })
+    }
+
+    /// The bytes of a dump that end before the next line, or at the end of the file. They are put into `bytes`.
+    pub fn take_block(
+        &mut self,
+        next: Option<&[u8]>,
+        bytes: &mut Vec<u8>,
+    ) -> Option<RawLine<'static>> {
+        if self.block.is_empty() {
+            return None;
+        }
+        let dump = &self.dumps[usize::from(self.is_answer)];
+        let goes_on = next.is_some_and(|line| {
+            line.starts_with(INDENTATION) == self.is_answer && dump.continues(line)
+        });
+        if goes_on && self.block.len() < BLOCK_MAX {
+            return None;
+        }
+        core::mem::swap(bytes, &mut self.block);
+        self.block.clear();
+        let direction = if self.is_answer { Direction::ToHost } else { Direction::ToDrive };
+        Some(RawLine { direction: Some(direction), ..RawLine::default() })
     }
 }
 

@@ -37,6 +37,28 @@ impl HexDump {
             self.next = None;
             return Some(Err(ReadError("repeated lines are left out of the dump: dump with -v")));
         }
+        let (offset, digits, rest) = self.split_offset(line)?;
+        if rest.is_empty() {
+            let is_end = self.next.take().is_some();
+            return is_end.then_some(Ok(DumpLine::End));
+        }
+        bytes.clear();
+        if digits.ends_with(b":") {
+            parse_groups(rest, bytes)?;
+        } else {
+            parse_bytes(rest, bytes)?;
+        }
+        self.next = Some(offset + bytes.len() as u64);
+        Some(Ok(DumpLine::Bytes))
+    }
+
+    /// Returns whether a line goes on with the bytes of the line before.
+    pub fn continues(&self, line: &[u8]) -> bool {
+        self.split_offset(line).is_some_and(|(offset, _, rest)| offset > 0 && !rest.is_empty())
+    }
+
+    /// The offset, its word, and the rest of a line that is next, or the first.
+    fn split_offset<'l>(&self, line: &'l [u8]) -> Option<(u64, &'l [u8], &'l [u8])> {
         let (word, rest) = split_word(line);
         let digits = word.strip_suffix(b":").unwrap_or(word);
         if !(4..=16).contains(&digits.len()) {
@@ -45,24 +67,10 @@ impl HexDump {
         let offset = std::str::from_utf8(digits).ok()?;
         // `od` counts in octal digits, unless it is asked for others.
         let is_next = |radix| {
-            u64::from_str_radix(offset, radix).ok().filter(|at| match self.next {
-                Some(next) => *at == next || *at == 0,
-                None => *at == 0,
-            })
+            let at = u64::from_str_radix(offset, radix).ok()?;
+            (at == 0 || self.next == Some(at)).then_some(at)
         };
-        let offset = [16, 8, 10].into_iter().find_map(is_next)?;
-        if rest.is_empty() {
-            let is_end = self.next.take().is_some();
-            return is_end.then_some(Ok(DumpLine::End));
-        }
-        bytes.clear();
-        if word.len() == digits.len() {
-            parse_bytes(rest, bytes)?;
-        } else {
-            parse_groups(rest, bytes)?;
-        }
-        self.next = Some(offset + bytes.len() as u64);
-        Some(Ok(DumpLine::Bytes))
+        Some(([16, 8, 10].into_iter().find_map(is_next)?, word, rest))
     }
 }
 

@@ -40,6 +40,12 @@ pub(super) trait LineFormat: core::fmt::Debug + Send {
     /// Parses one line.
     fn parse_line<'a>(&'a mut self, line: &'a [u8]) -> Result<ParsedLine<'a>, ReadError>;
 
+    /// Data of the lines before, which is complete now that another line follows or the capture ends.
+    fn take_pending(&mut self, next: Option<&[u8]>) -> Option<Record<'_>> {
+        let _ = next;
+        None
+    }
+
     /// The line at the head of these bytes, where it has the form that nearly all have.
     fn parse_usual(&mut self, bytes: &[u8]) -> Option<UsualLine> {
         let _ = bytes;
@@ -77,6 +83,9 @@ impl<L: LineFormat> LineReader<L> {
 
     fn read_line(&mut self, line: &[u8], taker: &mut dyn RecordSink) {
         self.line_number += 1;
+        if let Some(record) = self.format.take_pending(Some(line)) {
+            taker.handle_record(&Record { offset: self.offset, ..record });
+        }
         let read = if line.len() > LINE_MAX { Err(TOO_LONG) } else { self.format.parse_line(line) };
         match read {
             Ok(ParsedLine::Nothing) => {}
@@ -127,7 +136,10 @@ impl<L: LineFormat> FormatReader for LineReader<L> {
         }
         if ended || self.skipping {
             self.offset += rest.len() as u64;
-            return bytes.len();
+            used = bytes.len();
+        }
+        if ended && let Some(record) = self.format.take_pending(None) {
+            taker.handle_record(&Record { offset: self.offset, ..record });
         }
         used
     }

@@ -75,24 +75,30 @@ impl ModbusSides {
     fn count(lines: &[u8], head: LogTraits) -> Self {
         let (mut found, mut reader) = (Self::default(), TextReader::new(head));
         for line in lines.split(|c| *c == b'\n') {
-            // A log of our own has the directions of the host.
-            let Ok(ParsedLine::Record(record)) = reader.parse_line(line) else { continue };
-            let (RecordData::Bytes(bytes), Some(direction)) = (&record.data, record.direction)
-            else {
-                continue;
-            };
-            let sender = modbus_sender(bytes);
-            if !reader.is_tool_log() {
-                return found;
+            if let Some(record) = reader.take_pending(Some(line)) {
+                found.observe(&record);
             }
-            found.directed += 1;
-            match sender {
-                Some(sender) if sender == direction => found.usual += 1,
-                Some(_) => found.reversed += 1,
-                None => {}
+            if let Ok(ParsedLine::Record(record)) = reader.parse_line(line) {
+                found.observe(&record);
+            }
+            // A log of our own has the directions of the host.
+            if found.directed > 0 && !reader.is_tool_log() {
+                return Self::default();
             }
         }
         found
+    }
+
+    fn observe(&mut self, record: &Record<'_>) {
+        let (RecordData::Bytes(bytes), Some(direction)) = (&record.data, record.direction) else {
+            return;
+        };
+        self.directed += 1;
+        match modbus_sender(bytes) {
+            Some(sender) if sender == direction => self.usual += 1,
+            Some(_) => self.reversed += 1,
+            None => {}
+        }
     }
 }
 

@@ -14,6 +14,7 @@ use polepair_core::explain::Direction;
 use super::byte_text::{is_trailer, parse_bytes};
 use super::line_time::split_time;
 use super::text::RawLine;
+use crate::record::NO_LINK;
 use crate::timestamp::Timestamp;
 
 /// Words of a direction, in lower case.
@@ -112,7 +113,7 @@ impl<'t> MarkedLine<'t> {
 
     /// The line without its bytes.
     pub fn raw_line(&self) -> RawLine<'t> {
-        self.raw_line_on(self.link.unwrap_or("-"))
+        self.raw_line_on(self.link.unwrap_or(NO_LINK))
     }
 
     /// The line without its bytes, of another link.

@@ -7,7 +7,7 @@ use super::line_time::split_time;
 use super::marked_line::split_direction;
 use super::text::RawLine;
 use super::words::parse_hex_digit;
-use crate::record::{CanErrorFrame, CanRecord, ID_MASK, STANDARD_MAX, classic_frame};
+use crate::record::{CanErrorFrame, CanRecord, ID_MASK, NO_LINK, STANDARD_MAX, classic_frame};
 use crate::timestamp::Timestamp;
 
 /// Bytes of the longest CAN FD frame.
@@ -53,8 +53,8 @@ pub(super) fn parse_python_can<'a>(text: &'a str, bytes: &mut Vec<u8>) -> Option
         let word = words.next().filter(|word| word.len() == 2)?;
         bytes.push(u8::from_str_radix(word, 16).ok()?);
     }
-    let link = text.rsplit_once("Channel:").map_or("-", |(_, name)| name.trim());
-    let link = if link.is_empty() { "-" } else { link };
+    let link = text.rsplit_once("Channel:").map_or(NO_LINK, |(_, name)| name.trim());
+    let link = if link.is_empty() { NO_LINK } else { link };
     // A longer number in that column is not an identifier.
     if id > if extended { ID_MASK } else { STANDARD_MAX } {
         return None;

@@ -13,7 +13,7 @@ use super::printed_frame::MINUTE_MS;
 use super::tool_log::{ToolLine, parse_tool_line, unwrap_line};
 use super::words::{HEX, split_word};
 use super::{ReadError, candump, digits, serial_log};
-use crate::record::{CanRecord, Record, RecordData, STANDARD_MAX};
+use crate::record::{CanRecord, NO_LINK, Record, RecordData, STANDARD_MAX};
 use crate::timestamp::Timestamp;
 
 /// The reader of such lines.
@@ -116,6 +116,15 @@ impl LineFormat for TextReader {
             Err(_) if may_be_text && is_prose(line) => Ok(ParsedLine::Skipped(TEXT_LINES)),
             Err(error) => Err(error),
         }
+    }
+
+    fn take_pending(&mut self, next: Option<&[u8]>) -> Option<Record<'_>> {
+        let raw = self.attached.take_block(next, &mut self.scratch)?;
+        (self.has_records, self.is_tool_log) = (true, true);
+        // Without answers beside them, the bytes may be of both sides.
+        let direction = raw.direction.filter(|_| self.head.has_answers);
+        let record = RawLine { direction, ..raw }.with_bytes(&self.scratch);
+        Some(self.head.orient(record))
     }
 
     fn parse_usual(&mut self, bytes: &[u8]) -> Option<UsualLine> {
@@ -261,7 +270,7 @@ pub(super) struct RawLine<'a> {
 
 impl Default for RawLine<'_> {
     fn default() -> Self {
-        Self { time: None, link: "-", direction: None, can: None }
+        Self { time: None, link: NO_LINK, direction: None, can: None }
     }
 }
 
@@ -373,7 +382,8 @@ fn parse_stamped<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Result<RawLine<'a
         .ok_or(ReadError("the time stamp is not seconds with decimals"))?;
     let after = line[close + 1..].trim_ascii_start();
     // Programs with one bus leave its name out.
-    let (link, rest) = if is_frame(after) { (&b"-"[..], after) } else { split_word(after) };
+    let (link, rest) =
+        if is_frame(after) { (NO_LINK.as_bytes(), after) } else { split_word(after) };
     let link = link_name(link)?;
     if link.is_empty() {
         return Err(ReadError("no link follows the time stamp"));
@@ -389,7 +399,7 @@ fn parse_unstamped<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Result<RawLine<
         Some(b'>' | b'<') => !matches!(first, b">" | b"<"),
         _ => !is_frame(line) && is_frame(after) && !is_logger_name(first),
     };
-    let (link, rest) = if named { (first, after) } else { (&b"-"[..], line) };
+    let (link, rest) = if named { (first, after) } else { (NO_LINK.as_bytes(), line) };
     let (direction, can) = parse_body(rest, scratch)?;
     Ok(RawLine { time: None, link: link_name(link)?, direction, can })
 }
@@ -402,9 +412,10 @@ fn parse_stamp_text(text: &[u8]) -> Option<Timestamp> {
     })
 }
 
-/// Returns whether a word is a logger's name behind its level, as Python writes it: `DEBUG:canopen.network:sent`.
+/// Returns whether a word is a level of a logger, or its name behind that: `DEBUG:canopen.network:sent`.
 fn is_logger_name(word: &[u8]) -> bool {
-    [&b"DEBUG:"[..], b"INFO:", b"WARNING:"].iter().any(|level| word.starts_with(level))
+    let level = word.split(|c| *c == b':').next().unwrap_or(word);
+    matches!(level, b"DEBUG" | b"INFO" | b"WARNING" | b"TRACE")
 }
 
 /// Returns whether a text is a CAN frame as candump writes it to a log or on the screen. Its first word decides: a `#`

@@ -13,7 +13,7 @@ use super::marked_line::MarkedLine;
 use super::printed_frame::{PrintedFrame, parse_python_can};
 use super::text::RawLine;
 use super::{candump, gbk};
-use crate::record::{CanRecord, STANDARD_MAX, classic_frame};
+use crate::record::{CanRecord, NO_LINK, STANDARD_MAX, classic_frame};
 use crate::timestamp::Timestamp;
 
 /// Content of a line of another program.
@@ -75,7 +75,8 @@ pub(super) fn parse_tool_line<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Opti
         return Some(ToolLine::Record(RawLine { can: Some(CanRecord::Frame(frame)), ..raw }));
     }
     if let Some(found) = PrintedFrame::parse(line) {
-        let (link, direction, can) = (found.link.unwrap_or("-"), found.direction, found.record());
+        let (link, direction, can) =
+            (found.link.unwrap_or(NO_LINK), found.direction, found.record());
         let raw = RawLine { time: found.time, link, direction, can: Some(can) };
         return Some(match found.minute_ms.filter(|_| found.time.is_none()) {
             Some(ms) => ToolLine::InMinute(raw, ms),
@@ -103,7 +104,7 @@ pub(super) fn parse_tool_line<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Opti
 
 /// A line with columns that is not UTF-8.
 fn parse_foreign_text<'a>(line: &[u8], scratch: &mut Vec<u8>) -> Option<ToolLine<'a>> {
-    let found = MarkedLine::parse(gbk::decode(line).trim(), scratch)?.raw_line_on("-");
+    let found = MarkedLine::parse(gbk::decode(line).trim(), scratch)?.raw_line_on(NO_LINK);
     Some(ToolLine::Record(found))
 }
 

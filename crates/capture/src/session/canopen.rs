@@ -41,6 +41,7 @@ use std::sync::Arc;
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::NODE_MAX;
+use polepair_core::proto::canopen::cia402::STATUSWORD;
 use polepair_core::proto::canopen::cob;
 use polepair_core::proto::canopen::emcy::Emergency;
 use polepair_core::proto::canopen::heartbeat::Heartbeat;
@@ -452,24 +453,30 @@ impl CanopenTracker {
             },
         );
         pdo.check_length(len, notices);
-        annotate::explain_process_data(pdo, bytes, observed.raw.id, profile, explanation);
-        let Some(process) = pdo.process_data().filter(|it| len >= it.mapping().bytes()) else {
-            return;
-        };
-        let data = bytes_to_word(bytes);
-        process.mapping().for_each_signal(data, |mapped, exact, value| {
-            if process.tells_state(mapped) {
-                node.power.handle_value(
-                    id,
-                    mapped.object,
-                    exact,
-                    &mut node.faults,
-                    profile,
-                    notices,
-                );
-            }
-            notices.push(process.signal_notice(mapped, exact, value));
-        });
+        let mode = node.power.mode();
+        if let Some(process) = pdo.process_data().filter(|it| len >= it.mapping().bytes()) {
+            let data = bytes_to_word(bytes);
+            process.mapping().for_each_signal(data, |mapped, exact, value| {
+                if process.tells_state(mapped) {
+                    let (power, faults) = (&mut node.power, &mut node.faults);
+                    power.handle_value(id, mapped.object, exact, faults, profile, notices);
+                }
+                notices.push(process.signal_notice(mapped, exact, value));
+            });
+        }
+        // The words of a statusword are those of the mode, which may come in the same frame.
+        let mode_now = node.power.mode();
+        if mode_now != mode {
+            self.pdos.of_node(id).for_each(|pdo| pdo.set_mode(mode_now));
+        }
+        let pdo = &mut self.pdos.all[at];
+        annotate::explain_process_data(
+            pdo,
+            bytes,
+            observed.raw.id,
+            (profile, mode_now),
+            explanation,
+        );
     }
 
     fn handle_request(
@@ -532,6 +539,9 @@ impl CanopenTracker {
             self.node_mut(id).report_duplicate("its requests are answered twice", notices);
         }
         self.learn_transferred(at, notices);
+        if self.channels[at].object() == STATUSWORD {
+            process_text::name_status_bits(self.node_mut(id).power.mode(), &mut explanation.text);
+        }
     }
 
     /// Handles an LSS frame, of the master or a device.

@@ -19,7 +19,7 @@ fn program_logs() -> impl Iterator<Item = (&'static str, String, Vec<&'static st
 
 #[test]
 fn logs_of_other_programs() {
-    assert_eq!(program_logs().count(), 34);
+    assert_eq!(program_logs().count(), 35);
     for (program, log, expected) in program_logs() {
         assert_eq!(read_whole(&log), expected, "{program}");
     }

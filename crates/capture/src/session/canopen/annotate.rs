@@ -5,6 +5,7 @@ use core::fmt::Write as _;
 use polepair_core::explain::{Context, Dissector as _, ExplainSink as _};
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::CanopenDissector;
+use polepair_core::proto::canopen::cia402::OperationMode;
 use polepair_core::proto::canopen::cob::{SDO_REPLY, SDO_REQUEST};
 use polepair_core::proto::canopen::explain::{explain_block_segment, meanings};
 use polepair_core::proto::canopen::sdo::ObjectIndex;
@@ -134,9 +135,10 @@ pub(super) fn explain_process_data(
     pdo: &mut Pdo,
     bytes: &[u8],
     id: Option<u32>,
-    profile: Option<&'static Profile>,
+    names: (Option<&'static Profile>, OperationMode),
     explanation: &mut Explanation,
 ) {
+    let (profile, mode) = names;
     if explanation.is_values_only() {
         explanation.clear();
         explanation.axis(pdo.node.into());
@@ -144,7 +146,7 @@ pub(super) fn explain_process_data(
         return;
     }
     explanation.clear();
-    if pdo.explain(bytes, profile, explanation) {
+    if pdo.explain(bytes, profile, mode, explanation) {
         return;
     }
     let usual = pdo.default_cob().map(|cob| u32::from(cob.id()));

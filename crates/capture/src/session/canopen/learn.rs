@@ -46,8 +46,13 @@ impl CanopenTracker {
         self.emit_signals(id, settled, raw, notices);
         let profile = self.node_profile(id);
         let node = self.node_mut(id);
+        let mode = node.power.mode();
         if !meanings::is_part_of_word(object, len) {
             node.power.handle_value(id, object, raw, &mut node.faults, profile, notices);
+        }
+        let mode_now = node.power.mode();
+        if mode_now != mode {
+            self.pdos.of_node(id).for_each(|pdo| pdo.set_mode(mode_now));
         }
         let drive = match object.index {
             0x1000 => raw as u16 == cia402::PROFILE_NUMBER,

@@ -5,6 +5,7 @@ use core::fmt;
 use std::sync::Arc;
 
 use polepair_core::profile::Profile;
+use polepair_core::proto::canopen::cia402::OperationMode;
 use polepair_core::proto::canopen::cob::Cob;
 use polepair_core::proto::canopen::explain::{default_mapping, meanings};
 use polepair_core::proto::canopen::pdo::{CobId, MappingEntry};
@@ -112,6 +113,7 @@ impl Pdo {
         &mut self,
         bytes: &[u8],
         profile: Option<&'static Profile>,
+        mode: OperationMode,
         explanation: &mut Explanation,
     ) -> bool {
         let name = self.name();
@@ -119,9 +121,16 @@ impl Pdo {
         let long =
             |process: &&mut Arc<ProcessData>| bytes.len() >= process.mapping().bytes().into();
         let Some(process) = laid.filter(long) else { return false };
-        ProcessData::learn_text(process, super::bytes_to_word(bytes), || name.to_string(), profile);
+        let data = super::bytes_to_word(bytes);
+        ProcessData::learn_text(process, data, || name.to_string(), profile, mode);
         process.explain(bytes, explanation);
         true
+    }
+
+    /// Forgets the words that are those of another mode.
+    pub fn set_mode(&mut self, mode: OperationMode) {
+        let process = self.resolved.as_mut().and_then(|laid| laid.process_data.as_mut());
+        process.into_iter().for_each(|process| ProcessData::set_mode(process, mode));
     }
 
     /// Name of the PDO: `TPDO1`.

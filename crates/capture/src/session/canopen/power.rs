@@ -9,12 +9,17 @@ use super::emcy::{FaultText, NodeFaults};
 use super::mapping::{ERROR_CODE, MODE_DISPLAY};
 use crate::session::{ChangeNotice, InternedName, SessionNotice};
 
+/// Mode that a host sets.
+const MODE: ObjectIndex = ObjectIndex::new(0x6060, 0);
+
 /// State machine of a drive as it reports it.
 #[derive(Debug, Default)]
 pub(super) struct PowerMonitor {
     statusword: Option<u16>,
     state: Option<DriveState>,
     mode: Option<i8>,
+    /// The mode that was set last, or that the drive showed since.
+    latest_mode: Option<i8>,
     error_code: u16,
 }
 
@@ -35,7 +40,10 @@ impl PowerMonitor {
                 self.statusword = Some(raw as u16);
                 self.set_state(node, DriveState::of(raw as u16), faults, profile, notices);
             }
-            MODE_DISPLAY if self.mode != Some(raw as i8) => {
+            MODE => self.latest_mode = Some(raw as i8),
+            MODE_DISPLAY if self.mode == Some(raw as i8) => self.latest_mode = self.mode,
+            MODE_DISPLAY => {
+                self.latest_mode = Some(raw as i8);
                 let from =
                     self.mode.map_or("", |mode| meanings::mode_name(OperationMode::from(mode)));
                 let to = meanings::mode_name(OperationMode::from(raw as i8));
@@ -45,6 +53,11 @@ impl PowerMonitor {
             ERROR_CODE => self.error_code = raw as u16,
             _ => {}
         }
+    }
+
+    /// The mode of operation, as far as the capture shows it.
+    pub fn mode(&self) -> OperationMode {
+        self.latest_mode.map_or(OperationMode::None, OperationMode::from)
     }
 
     /// Takes a value by which no state changes; false of one that has to be [taken](Self::handle_value).
@@ -59,7 +72,7 @@ impl PowerMonitor {
                 }
                 return same;
             }
-            MODE_DISPLAY => return self.mode == Some(raw as i8),
+            MODE_DISPLAY => return self.mode == Some(raw as i8) && self.latest_mode == self.mode,
             ERROR_CODE => self.error_code = raw as u16,
             _ => {}
         }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use polepair_core::explain::ExplainSink as _;
 use polepair_core::profile::Profile;
+use polepair_core::proto::canopen::cia402::OperationMode;
 
 use super::mapping::{MappedValue, Mapping};
 use super::pdo::PdoName;
@@ -67,11 +68,20 @@ impl ProcessData {
         data: u64,
         name: impl FnOnce() -> String,
         profile: Option<&'static Profile>,
+        mode: OperationMode,
     ) {
         if !this.text.as_ref().is_some_and(|wording| wording.has_text(data)) {
             let Self { mapping, text, .. } = Arc::make_mut(this);
-            let wording = text.get_or_insert_with(|| ProcessText::new(name(), mapping, profile));
+            let wording =
+                text.get_or_insert_with(|| ProcessText::new(name(), mapping, profile, mode));
             wording.learn_text(data);
+        }
+    }
+
+    /// Forgets the words that are those of another mode.
+    pub(super) fn set_mode(this: &mut Arc<Self>, mode: OperationMode) {
+        if this.text.is_some() {
+            Arc::make_mut(this).text.iter_mut().for_each(|wording| wording.set_mode(mode));
         }
     }
 

@@ -5,6 +5,7 @@ use core::fmt::{self, Write as _};
 
 use polepair_core::explain::{ExplainSink as _, Field, FieldValue};
 use polepair_core::profile::Profile;
+use polepair_core::proto::canopen::cia402::{OperationMode, STATUSWORD};
 use polepair_core::proto::canopen::explain::meanings;
 use polepair_core::proto::canopen::sdo::ObjectIndex;
 
@@ -26,7 +27,14 @@ pub(crate) struct ProcessText {
     varying: Vec<usize>,
     /// Text behind the last value.
     end: TextPiece,
+    names: NameSource,
+}
+
+/// The names of objects and bits.
+#[derive(Clone, Copy, Debug)]
+struct NameSource {
     profile: Option<&'static Profile>,
+    mode: OperationMode,
 }
 
 /// Words for numbers of one value that are kept; those of further ones are put together each time.
@@ -51,14 +59,20 @@ struct ValueText {
 
 impl ProcessText {
     /// Words for `mapping` of the PDO of that name.
-    pub fn new(name: String, mapping: &Mapping, profile: Option<&'static Profile>) -> Self {
+    pub fn new(
+        name: String,
+        mapping: &Mapping,
+        profile: Option<&'static Profile>,
+        mode: OperationMode,
+    ) -> Self {
+        let names = NameSource { profile, mode };
         let good = mapping.quality() == Quality::Good;
         let mut join = if good { " (" } else { " (if mapped as usual: " };
         let words = mapping.entry_values(0).map(|(entry, field, mapped_value, _)| {
             let (start, end) = (u16::from(field.start), u16::from(field.start + field.bits));
             let place = (mapped_value.bits, (start / 8, end.div_ceil(8)));
             let join = core::mem::replace(&mut join, " | ");
-            ValueText::new(join, entry.object, mapped_value.name, place, profile)
+            ValueText::new(join, entry.object, mapped_value.name, place, names)
         });
         let mut values: Vec<ValueText> = words.collect();
         // Bits without a mapping are named.
@@ -72,7 +86,7 @@ impl ProcessText {
         }
         let end = suffix.joined(&end);
         let varying = (0..values.len()).filter(|at| values[*at].varies).collect();
-        Self { prefix: TextPiece::new(verb.as_bytes()), values, varying, end, kind: name, profile }
+        Self { prefix: TextPiece::new(verb.as_bytes()), values, varying, end, kind: name, names }
     }
 
     /// Returns whether the words of each number that eight bytes hold are kept, or are not to be.
@@ -82,10 +96,17 @@ impl ProcessText {
         varying.all(|word| word.has_suffix(word.bits.extract(data)))
     }
 
+    /// Forgets the words that are those of another mode.
+    pub fn set_mode(&mut self, mode: OperationMode) {
+        self.names.mode = mode;
+        let words = self.values.iter_mut().filter(|word| word.object == STATUSWORD);
+        words.for_each(|word| word.suffixes.clear());
+    }
+
     /// Keeps the words of each number that eight bytes hold.
     pub fn learn_text(&mut self, data: u64) {
         for word in &mut self.values {
-            word.learn_suffix(word.bits.extract(data), self.profile);
+            word.learn_suffix(word.bits.extract(data), self.names);
         }
     }
 
@@ -102,7 +123,7 @@ impl ProcessText {
         let data = super::bytes_to_word(bytes);
         for word in &self.values {
             let raw = word.bits.extract(data);
-            word.append_to(raw, self.profile, &mut text);
+            word.append_to(raw, self.names, &mut text);
             explanation.field(field(word.name, word.bytes, FieldValue::Int(raw)));
         }
         self.end.append_to(&mut text);
@@ -153,9 +174,9 @@ impl ValueText {
         object: ObjectIndex,
         name: InternedName,
         place: (NumberBits, (u16, u16)),
-        profile: Option<&'static Profile>,
+        names: NameSource,
     ) -> Self {
-        let (bits, bytes) = place;
+        let ((bits, bytes), profile) = (place, names.profile);
 
         let varies = !meanings::has_constant_meaning(object, profile);
         let mut label = join.to_owned();
@@ -165,14 +186,17 @@ impl ValueText {
         }
         let _ = meanings::write_label(object, profile, &mut clean);
         let label = TextPiece::new(label.as_bytes());
-        let constant_suffix = (!varies).then(|| Self::suffix_for(object, 0, profile));
+        let constant_suffix = (!varies).then(|| Self::suffix_for(object, 0, names));
         Self { object, name, bits, bytes, label, varies, suffixes: Vec::new(), constant_suffix }
     }
 
     /// Text behind a number.
-    fn suffix_for(object: ObjectIndex, raw: i64, profile: Option<&'static Profile>) -> TextPiece {
+    fn suffix_for(object: ObjectIndex, raw: i64, names: NameSource) -> TextPiece {
         let mut behind = String::new();
-        let _ = meanings::write_meaning(object, raw, profile, &mut RemarkText(&mut behind));
+        let _ = meanings::write_meaning(object, raw, names.profile, &mut RemarkText(&mut behind));
+        if object == STATUSWORD {
+            name_status_bits(names.mode, &mut behind);
+        }
         TextPiece::new(behind.as_bytes())
     }
 
@@ -191,19 +215,28 @@ impl ValueText {
         !self.varies || self.suffixes.len() == SUFFIXES_MAX || self.suffix(raw).is_some()
     }
 
-    fn learn_suffix(&mut self, raw: i64, profile: Option<&'static Profile>) {
+    fn learn_suffix(&mut self, raw: i64, names: NameSource) {
         if !self.has_suffix(raw) {
-            self.suffixes.push((raw, Self::suffix_for(self.object, raw, profile)));
+            self.suffixes.push((raw, Self::suffix_for(self.object, raw, names)));
         }
     }
 
-    fn append_to(&self, raw: i64, profile: Option<&'static Profile>, text: &mut Vec<u8>) {
+    fn append_to(&self, raw: i64, names: NameSource, text: &mut Vec<u8>) {
         self.label.append_to(text);
         number_text::append_signed(raw, text);
         match (self.varies, self.suffix(raw)) {
             (false, _) => {}
             (true, Some(words)) => words.append_to(text),
-            (true, None) => Self::suffix_for(self.object, raw, profile).append_to(text),
+            (true, None) => Self::suffix_for(self.object, raw, names).append_to(text),
+        }
+    }
+}
+
+/// Names the bits of a statusword by the mode, where that is known.
+pub(super) fn name_status_bits(mode: OperationMode, text: &mut String) {
+    for (usual, exact) in meanings::status_bits_by_mode(mode) {
+        if usual != exact && text.contains(usual) {
+            *text = text.replace(usual, exact);
         }
     }
 }
@@ -226,7 +259,9 @@ mod tests {
 
     use polepair_core::proto::canopen::pdo::BitField;
 
-    use super::{NumberBits, ObjectIndex, RemarkText, ValueText, meanings};
+    use super::{
+        NameSource, NumberBits, ObjectIndex, OperationMode, RemarkText, ValueText, meanings,
+    };
 
     /// Every object of the standards and of two drives, with numbers one after the other.
     #[test]
@@ -236,14 +271,15 @@ mod tests {
         for profile in [None, Some(&CIA402), Some(&SYNTRON_TS_CANOPEN)] {
             let own = profile.map_or(&[][..], |profile| profile.parameters);
             let own = own.iter().map(|parameter| (parameter.index, parameter.space));
+            let names = NameSource { profile, mode: OperationMode::None };
             let bits = NumberBits::new(BitField { start: 0, bits: 32 }, true);
             for (index, sub) in standard.clone().chain(own) {
                 let object = ObjectIndex::new(index, sub);
-                let mut word = ValueText::new(" | ", object, "0x2000:1", (bits, (0, 4)), profile);
+                let mut word = ValueText::new(" | ", object, "0x2000:1", (bits, (0, 4)), names);
                 for raw in [0, 7, 7, -1, 0x1637, 0x000F, 0x6061_0008, i64::MAX, 0, -12345] {
                     let (mut text, mut plain) = (Vec::new(), " | ".to_owned());
-                    word.learn_suffix(raw, profile);
-                    word.append_to(raw, profile, &mut text);
+                    word.learn_suffix(raw, names);
+                    word.append_to(raw, names, &mut text);
                     word.constant_suffix.iter().for_each(|suffix| suffix.append_to(&mut text));
                     if meanings::object_name(object, profile).is_empty() {
                         plain.push_str("0x2000:1 = ");

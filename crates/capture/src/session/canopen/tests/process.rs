@@ -129,3 +129,27 @@ fn a_beat_that_was_steady_and_slips_is_reported_once() {
     });
     bus.report().assert_only(AnomalyKind::Jitter);
 }
+
+/// Bit 12 of the same statusword in each mode, read and in process data.
+#[test]
+fn bits_of_the_statusword_are_named_by_the_mode() {
+    let mode = ObjectIndex::new(0x6060, 0);
+    let word = [0x37, 0x14];
+    for (number, name) in [
+        (1, "set-point taken"),
+        (8, "drive follows the command value"),
+        (3, "speed zero"),
+        (6, "homing attained"),
+        (2, "bit 12"),
+    ] {
+        let mut log = CanopenLog::default();
+        log.read(WORD, 0x0237, 2).send(0x180 | u16::from(NODE), &word);
+        log.write(mode, number, 1).read(WORD, 0x1437, 2).send(0x180 | u16::from(NODE), &word);
+        let report = log.report();
+        let of_mode = |line: &&String| line.contains(&format!("target reached, {name})"));
+        let named: Vec<_> = report.lines.iter().filter(of_mode).collect();
+        assert_eq!(named.len(), 2, "{number}: {:#?}", report.lines);
+        let unknown = report.lines.iter().filter(|line| line.contains("set-point taken, homing"));
+        assert_eq!(unknown.count(), 1, "before the mode is known: {:#?}", report.lines);
+    }
+}

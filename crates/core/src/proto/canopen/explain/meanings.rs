@@ -300,13 +300,33 @@ pub(super) const CONTROL_BITS: [(u8, &str); 5] = [
 ];
 
 /// Bits of the statusword that are no part of the state; 12 and 13 by the mode.
-pub(super) const STATUS_BITS: [(u8, &str); 5] = [
-    (7, "warning"),
-    (10, "target reached"),
-    (11, "internal limit"),
-    (12, "bit 12 (set-point taken, homing attained, speed zero)"),
-    (13, "bit 13 (following error, homing error)"),
-];
+pub(super) const STATUS_BITS: [(u8, &str); 5] =
+    [(7, "warning"), (10, "target reached"), (11, "internal limit"), (12, BIT_12), (13, BIT_13)];
+const BIT_12: &str = "bit 12 (set-point taken, homing attained, speed zero)";
+const BIT_13: &str = "bit 13 (following error, homing error)";
+
+/// Names of the statusword's bits 12 and 13 in a remark, where no mode is known, and in this mode (CiA 402-2: the
+/// statusword of each mode).
+#[must_use]
+pub const fn status_bits_by_mode(mode: OperationMode) -> [(&'static str, &'static str); 2] {
+    let (twelve, thirteen) = match mode {
+        OperationMode::ProfilePosition => ("set-point taken", "following error"),
+        OperationMode::ProfileVelocity => ("speed zero", "greatest slippage reached"),
+        OperationMode::Homing => ("homing attained", "homing error"),
+        OperationMode::Interpolated => ("interpolation active", "bit 13"),
+        OperationMode::CyclicPosition => ("drive follows the command value", "following error"),
+        OperationMode::CyclicVelocity | OperationMode::CyclicTorque => {
+            ("drive follows the command value", "bit 13")
+        }
+        OperationMode::Velocity | OperationMode::ProfileTorque => ("bit 12", "bit 13"),
+        OperationMode::None | OperationMode::Other(_) => (REMARK_12, REMARK_13),
+    };
+    [(REMARK_12, twelve), (REMARK_13, thirteen)]
+}
+
+/// The names as remarks have them, without parentheses.
+const REMARK_12: &str = "bit 12 set-point taken, homing attained, speed zero";
+const REMARK_13: &str = "bit 13 following error, homing error";
 
 fn write_other_bits(word: u16, bits: &[(u8, &str)], out: &mut dyn Write) -> fmt::Result {
     let mut set = bits.iter().filter(|(bit, _)| word >> bit & 1 == 1);
