@@ -57,6 +57,8 @@ pub struct LinkDetection {
     /// Protocols that may be used too, on identifiers that they share with others, and their axes: no frame proves
     /// them, so a person must decide.
     pub shared_axes: Vec<(&'static str, Vec<u32>)>,
+    /// Name of another protocol, which is recognised and not decoded, where none was detected.
+    pub foreign: Option<&'static str>,
 }
 
 impl fmt::Debug for LinkDetection {
@@ -74,6 +76,9 @@ impl fmt::Display for LinkDetection {
                 return write!(f, " explain it equally well: say which by --as {first}");
             }
             write!(f, "{}: none of the protocols that polepair knows", self.link)?;
+            if let Some(name) = self.foreign {
+                write!(f, "; it looks like {name}")?;
+            }
             return self.write_shared(f);
         };
         let (name, percent) = (protocol.name(), self.confidence * 100.0);
@@ -132,6 +137,7 @@ impl LinkDetection {
             runner_up: None,
             proven_axes: Vec::new(),
             shared_axes: Vec::new(),
+            foreign: None,
         }
     }
 

@@ -12,12 +12,15 @@
 
 mod ahead;
 mod evidence;
+mod foreign;
 mod pairs;
 mod sampler;
 mod score;
 #[cfg(test)]
 mod tests;
 mod verdict;
+
+use std::collections::BTreeMap;
 
 use polepair_core::explain::Dissector;
 use polepair_core::medium::Frame;
@@ -27,6 +30,7 @@ use crate::decoder::CaptureDecoder;
 use crate::detection::LinkDetection;
 use crate::read::{CaptureReader, ReadOptions};
 use crate::record::Record;
+use foreign::ForeignCounts;
 use sampler::RecordSampler;
 use score::CandidateProtocol;
 use verdict::Verdict;
@@ -34,6 +38,9 @@ use verdict::Verdict;
 /// Share of bytes that a weak check (an 8-bit sum over nine bytes, tried at every offset) explains
 /// by chance: 9 in 256.
 const CHANCE_SHARE: f64 = 9.0 / 256.0;
+/// Share of a serial line's bytes that must be in frames with a check that agrees. Protocols of others with a sum in
+/// each frame come up to 0.15.
+const CHECKED_MIN: f64 = 0.2;
 /// A frame whose check fails is worth this share of one that is right.
 const BROKEN_WEIGHT: f64 = 0.1;
 /// Two protocols on CAN whose shares differ by less explain a bus equally well.
@@ -68,6 +75,8 @@ pub struct ProtocolDetector {
 struct Weighing {
     candidates: Vec<CandidateProtocol>,
     sampler: RecordSampler,
+    /// Shapes of the records of each link.
+    foreign: BTreeMap<String, ForeignCounts>,
 }
 
 impl ProtocolDetector {
@@ -81,7 +90,8 @@ impl ProtocolDetector {
     #[must_use]
     pub fn with_read_options(options: ReadOptions) -> Self {
         let candidates = proto::dissectors().iter().copied().map(CandidateProtocol::new).collect();
-        let weighing = Weighing { candidates, sampler: RecordSampler::default() };
+        let (sampler, foreign) = (RecordSampler::default(), BTreeMap::new());
+        let weighing = Weighing { candidates, sampler, foreign };
         Self { reader: CaptureReader::new(options), options, weighing }
     }
 
@@ -113,6 +123,11 @@ impl Weighing {
     fn weigh(&mut self, record: &Record<'_>) {
         if self.sampler.select(record) {
             self.candidates.iter_mut().for_each(|candidate| candidate.score_record(record));
+            if let Some(counts) = self.foreign.get_mut(record.link) {
+                counts.observe(record);
+            } else {
+                self.foreign.entry(record.link.to_owned()).or_default().observe(record);
+            }
         }
         if self.sampler.is_checkpoint() {
             let certain = self.verdict().is_certain();
@@ -121,7 +136,8 @@ impl Weighing {
     }
 
     fn verdict(&self) -> Verdict {
-        let mut verdict = verdict::judge(&self.candidates, &|link| self.sampler.has_skipped(link));
+        let skipped = &|link: &str| self.sampler.has_skipped(link);
+        let mut verdict = verdict::judge(&self.candidates, &self.foreign, skipped);
         verdict.has_unclaimed = verdict.found.links.iter().any(|link| {
             self.sampler.ids_of(&link.link).any(|frame| leaves_to_others(link, &frame))
         });

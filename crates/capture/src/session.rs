@@ -385,9 +385,8 @@ impl OneSidedLink {
 fn shows_drive(notice: &SessionNotice) -> bool {
     match notice {
         SessionNotice::Exchange(exchange) => exchange.answered.is_some(),
-        SessionNotice::Change(change) => change.what == "presence",
         SessionNotice::Fault(_) => true,
-        SessionNotice::Signal(_) | SessionNotice::Anomaly(_) => false,
+        SessionNotice::Signal(_) | SessionNotice::Change(_) | SessionNotice::Anomaly(_) => false,
     }
 }
 

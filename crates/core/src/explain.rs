@@ -399,6 +399,13 @@ pub trait FrameConversation {
         false
     }
 
+    /// Returns whether an answer that fits its request is evidence for the protocol: it repeats something of the
+    /// request that other protocols do not have there by chance.
+    fn is_evident_answer(&self, answer: &RawFrame<'_>) -> bool {
+        let _ = answer;
+        true
+    }
+
     /// Returns whether a reply shows that the drive has lost the settings in `talk`: it restarted.
     fn shows_restart(
         &self,

@@ -66,6 +66,9 @@ impl Pairs {
         };
         // One reply counts for one request, else a beacon would prove many.
         self.requests.remove(at);
+        if !dissector.is_evident_answer(&raw) {
+            return;
+        }
         self.found += 1;
         if let Some(axis) = event.explanation.axis
             && (self.axes.len() < AXES_MAX || self.axes.contains_key(&axis))

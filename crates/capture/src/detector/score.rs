@@ -8,7 +8,9 @@ use polepair_core::medium::Frame;
 
 use super::evidence::Evidence;
 use super::pairs::{PROOF_PAIRS, Pairs};
-use super::{AXES_MAX, BROKEN_WEIGHT, CHANCE_SHARE, EVIDENCE_BITS, IDS_MAX, SUPPORT_MIN};
+use super::{
+    AXES_MAX, BROKEN_WEIGHT, CHANCE_SHARE, CHECKED_MIN, EVIDENCE_BITS, IDS_MAX, SUPPORT_MIN,
+};
 use crate::decoder::{CaptureDecoder, DecodedFrame};
 use crate::record::{Record, RecordData};
 use crate::rules::{Rule, RuleScope, Rules};
@@ -91,6 +93,8 @@ pub(super) struct LinkScore {
     pub frames: u64,
     pub broken_frames: u64,
     pub good_bytes: u64,
+    /// Frames of one byte on a serial line, which any bytes contain.
+    single_bytes: u64,
     pub broken_bytes: u64,
     pub stray_bytes: u64,
 }
@@ -155,7 +159,11 @@ impl LinkScore {
 
     /// Returns whether frames that could have been wrong support the protocol. On serial lines all valid frames do.
     pub fn has_support(&self) -> bool {
-        if !self.is_can || self.pairs.found >= PROOF_PAIRS {
+        if !self.is_can {
+            return true;
+        }
+        // Answers prove more than contents, but not against many that the protocol does not define.
+        if self.pairs.found >= PROOF_PAIRS && self.pairs.found >= self.evidence.contradicting {
             return true;
         }
         let supporting = (self.evidence.supporting + self.pairs.found) as f64;
@@ -169,7 +177,7 @@ impl LinkScore {
         if self.is_can {
             EVIDENCE_BITS * (self.evidence.supporting + self.pairs.found)
         } else {
-            8 * self.frames
+            8 * (self.frames - self.single_bytes)
         }
     }
 
@@ -188,7 +196,15 @@ impl LinkScore {
         // A single short frame by chance fits some protocol; a person who captured it wants it explained all
         // the same.
         let enough_to_doubt = self.total_bytes() > 256;
-        self.explained_share() > if enough_to_doubt { CHANCE_SHARE } else { 0.0 }
+        if self.is_can {
+            return self.explained_share() > if enough_to_doubt { CHANCE_SHARE } else { 0.0 };
+        }
+        let checked = self.good_bytes - self.single_bytes;
+        if enough_to_doubt {
+            let share = checked as f64 / (self.total_bytes() - self.single_bytes).max(1) as f64;
+            return share > CHECKED_MIN;
+        }
+        checked + self.broken_bytes > 0
     }
 }
 
@@ -215,10 +231,14 @@ fn score_frame(dissector: &dyn Dissector, scores: &mut Vec<LinkScore>, event: &D
     let id = event.id.map(|id| (id, event.extended));
     score.is_can |= id.is_some();
     let shares = id.is_some_and(|(id, extended)| dissector.shares_id(id, extended));
-    if id.is_some() && event.protocol.is_some() && event.defect.is_none() {
-        score.pairs.observe(dissector, event);
+    if id.is_some() && event.protocol.is_some() {
         let raw = RawFrame { bytes: event.bytes, id: event.id, extended: event.extended };
-        score.evidence.observe(dissector, &raw);
+        if event.defect.is_none() {
+            score.pairs.observe(dissector, event);
+        }
+        if event.defect.is_none() || shares {
+            score.evidence.observe(dissector, &raw);
+        }
     }
     if event.protocol.is_none() || event.stray || (shares && event.defect.is_some()) {
         score.stray_bytes += bytes;
@@ -230,6 +250,7 @@ fn score_frame(dissector: &dyn Dissector, scores: &mut Vec<LinkScore>, event: &D
     } else {
         score.frames += 1;
         score.good_bytes += bytes;
+        score.single_bytes += u64::from(id.is_none() && bytes == 1);
         if score.proven_axes.len() < AXES_MAX {
             score.proven_axes.extend(event.explanation.axis);
         }

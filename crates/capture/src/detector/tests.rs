@@ -288,7 +288,7 @@ fn where_bytes_leave_doubt_the_time_to_answer_decides() {
 }
 
 /// Buses of other makers and other protocols: none of their frames is one of ours.
-const FOREIGN: [Speaker; 9] = [
+const FOREIGN: [Speaker; 11] = [
     // A request of eight bytes at 140h + number, its reply at 240h + number.
     ("motors with a command byte", |bus| {
         let motor = 1 + bus.random(6) as u16;
@@ -367,6 +367,38 @@ const FOREIGN: [Speaker; 9] = [
             );
         }
     }),
+    // Two letters and an index at 300h + id, the same and a value at 280h + id: the identifiers of PDO2.
+    ("Elmo's binary interpreter", |bus| {
+        let drive = 1 + bus.random(20) as u16;
+        let letters =
+            [*b"PX", *b"VX", *b"IQ", *b"MO", *b"UM", *b"BG", *b"ST"][bus.random(7) as usize];
+        let mut data = [letters[0], letters[1], 0, 0, 0, 0, 0, 0];
+        let request = Frame::standard(0x300 + drive, &data[..4]);
+        data[4..].copy_from_slice(&bus.random(u32::MAX).to_le_bytes());
+        bus.pair(&request, &Frame::standard(0x280 + drive, &data));
+    }),
+    // Single frames, and a long answer with its flow control (ISO 15765-2), on the identifiers of SDO.
+    ("vehicle diagnosis", |bus| {
+        let unit = 1 + bus.random(6) as u16;
+        let (ask, answer) = (0x600 + unit, 0x580 + unit);
+        let text: [u8; 7] = core::array::from_fn(|_| b'0' + bus.random(40) as u8);
+        let wake = [2, 0x3E, 0, 0, 0, 0, 0, 0];
+        bus.pair(
+            &Frame::standard(ask, &wake),
+            &Frame::standard(answer, &[2, 0x7E, 0, 0, 0, 0, 0, 0]),
+        );
+        let first = [0x10, 0x14, 0x62, 0xF1, 0x90, text[0], text[1], text[2]];
+        bus.pair(
+            &Frame::standard(ask, &[3, 0x22, 0xF1, 0x90, 0, 0, 0, 0]),
+            &Frame::standard(answer, &first),
+        );
+        bus.frame(&Frame::standard(ask, &[0x30, 0, 0, 0, 0, 0, 0, 0]), 500);
+        for number in [0x21, 0x22] {
+            let mut data = [number; 8];
+            data[1..].copy_from_slice(&text);
+            bus.frame(&Frame::standard(answer, &data), 500);
+        }
+    }),
     ("noise with 11 bits", |bus| {
         let id = bus.random(0x800) as u16;
         let data: Vec<u8> = (0..bus.random(9)).map(|_| bus.random(256) as u8).collect();
@@ -399,6 +431,9 @@ fn buses_of_others_are_none_of_ours() {
                 verdict.protocol.is_some() && verdict.confidence > FOREIGN_MAX
             };
             wrong.extend(verdicts.iter().find(called).map(|verdict| format!("{name}: {verdict}")));
+            if name.starts_with("Elmo") && exchanges > 20 {
+                assert_eq!(verdicts[0].foreign, Some(name), "seed {seed}");
+            }
         }
     }
     assert!(
@@ -407,6 +442,85 @@ fn buses_of_others_are_none_of_ours() {
         wrong.len(),
         &wrong[..wrong.len().min(12)]
     );
+}
+
+/// A protocol, the name that it gets, and one frame of it.
+type ForeignLine = (&'static str, Option<&'static str>, fn(&mut GeneratedBus) -> Vec<u8>);
+
+/// Frames of other protocols on a serial line.
+const FOREIGN_LINES: [ForeignLine; 9] = [
+    ("Dynamixel 1", Some("Dynamixel"), |bus| {
+        let mut body = vec![1 + bus.random(6) as u8, 4, 2, bus.random(60) as u8, 2];
+        let sum = body.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
+        body.push(!sum);
+        [vec![0xFF, 0xFF], body].concat()
+    }),
+    ("Dynamixel 2", Some("Dynamixel"), |bus| {
+        let value = bus.random(u32::MAX).to_le_bytes();
+        let head = [0xFF, 0xFF, 0xFD, 0, 1 + bus.random(6) as u8, 8, 0, 0x55, 0];
+        [&head[..], &value, &value[..2]].concat()
+    }),
+    ("Pelco-D", Some("Pelco-D"), |bus| {
+        let (pan, tilt) = (bus.random(64) as u8, bus.random(64) as u8);
+        let body = [1 + bus.random(4) as u8, 0, 1 << bus.random(5), pan, tilt];
+        let sum = body.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
+        [&[0xFF][..], &body, &[sum]].concat()
+    }),
+    ("Roboteq", Some("lines of text"), |bus| {
+        let value = bus.random(2000);
+        match bus.random(3) {
+            0 => b"?A 1\r".to_vec(),
+            1 => format!("A={value}\r").into_bytes(),
+            _ => format!("!G 1 {value}\r").into_bytes(),
+        }
+    }),
+    ("a modem", Some("lines of text"), |bus| {
+        let level = bus.random(31);
+        format!("\r\n+CSQ: {level},0\r\n\r\nOK\r\n").into_bytes()
+    }),
+    ("VESC", Some("VESC"), |bus| {
+        let body: Vec<u8> = (0..59).map(|_| bus.random(256) as u8).collect();
+        [&[2, 59][..], &body, &[bus.random(256) as u8, bus.random(256) as u8, 3]].concat()
+    }),
+    ("a battery with a sum", None, |bus| {
+        let mut frame = vec![0xA5, 1, 0x90 + bus.random(8) as u8, 8];
+        frame.extend((0..8).map(|_| bus.random(256) as u8));
+        frame.push(frame.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte)));
+        frame
+    }),
+    ("a battery with two sums", None, |bus| {
+        let mut frame = vec![0xDD, 3, 0, 27];
+        frame.extend((0..27).map(|_| bus.random(256) as u8));
+        frame.extend([bus.random(256) as u8, bus.random(256) as u8, 0x77]);
+        frame
+    }),
+    ("a remote control", None, |bus| {
+        let mut frame = vec![0x0F];
+        frame.extend((0..22).map(|_| bus.random(256) as u8));
+        frame.extend([0, 0]);
+        frame
+    }),
+];
+
+#[test]
+fn serial_lines_of_others_are_none_of_ours() {
+    for (name, called, frame) in FOREIGN_LINES {
+        for seed in 1..=SEEDS / 8 {
+            let mut bus = GeneratedBus { seed, us: 0, log: String::new() };
+            // Whole logs, with and without directions.
+            for n in 0..100 + bus.random(200) {
+                let way = [">", "<", ""][if seed % 2 == 0 { 2 } else { n as usize % 2 }];
+                let bytes: String = frame(&mut bus).iter().map(|b| format!(" {b:02X}")).collect();
+                let _ = writeln!(bus.log, "({}.{:06}) p {way}{bytes}", n / 100, n % 100 * 10_000);
+            }
+            let mut judge = ProtocolDetector::new();
+            judge.feed(bus.log.as_bytes());
+            let (verdicts, _) = judge.decide();
+            let verdict = &verdicts[0];
+            assert!(verdict.protocol.is_none(), "{name}, seed {seed}: {verdict}");
+            assert_eq!(verdict.foreign, called, "{name}, seed {seed}");
+        }
+    }
 }
 
 /// Bytes of a serial line that are no frames.

@@ -1,9 +1,10 @@
 //! Judges by the scores of all protocols what the links of a capture speak.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use polepair_core::explain::Dissector;
 
+use super::foreign::ForeignCounts;
 use super::pairs::PROOF_PAIRS;
 use super::score::{CandidateProtocol, CandidateScores, LinkScore};
 use super::{CERTAIN_BITS, CERTAIN_CONFIDENCE, CHANCE_SHARE, EXPLAINED_MIN, TIE_MARGIN};
@@ -35,6 +36,7 @@ impl Verdict {
 /// Decides by the scores so far. `has_skipped` is true if records of a link were not evaluated.
 pub(super) fn judge(
     candidates: &[CandidateProtocol],
+    foreign: &BTreeMap<String, ForeignCounts>,
     has_skipped: &dyn Fn(&str) -> bool,
 ) -> Verdict {
     let mut scored: Vec<CandidateScores> =
@@ -47,7 +49,8 @@ pub(super) fn judge(
     let mut is_proven = true;
     let links: Vec<LinkDetection> = names
         .map(|link| {
-            let (detected, proven) = detect_link(&scored, link);
+            let name = foreign.get(link).and_then(ForeignCounts::name);
+            let (detected, proven) = detect_link(&scored, link, name);
             is_proven &= proven;
             LinkDetection { sampled: has_skipped(link), ..detected }
         })
@@ -70,11 +73,19 @@ pub(super) fn judge(
 }
 
 /// Detects the protocols of a link, and whether each of them is proven and no other one is possible.
-fn detect_link(scored: &[CandidateScores], link: &str) -> (LinkDetection, bool) {
+/// A `foreign` protocol whose shape the records have counts more than one that explains less than half of them.
+fn detect_link(
+    scored: &[CandidateScores],
+    link: &str,
+    foreign: Option<&'static str>,
+) -> (LinkDetection, bool) {
     let mut ranked: Vec<ScoredCandidate<'_>> =
         scored.iter().filter_map(|each| Some((each.dissector, each.score_of(link)?))).collect();
-    let unknown =
-        LinkDetection { shared_axes: unresolved_axes(&ranked), ..LinkDetection::unknown(link) };
+    let unknown = LinkDetection {
+        shared_axes: unresolved_axes(&ranked),
+        foreign,
+        ..LinkDetection::unknown(link)
+    };
     // After the shared axes were noted: they are shown although their protocol is not accepted.
     ranked.retain(|(_, score)| score.has_support());
     // If two protocols find no whole frame, the one with fewer pieces explains more of the bytes.
@@ -101,6 +112,9 @@ fn detect_link(scored: &[CandidateScores], link: &str) -> (LinkDetection, bool) 
     let frames = sum(&|score| score.frames);
     let share: f64 = protocols.iter().map(|(_, score)| score.explained_share()).sum();
     debug_assert!(!protocols.is_empty());
+    if foreign.is_some() && share < EXPLAINED_MIN {
+        return (unknown, false);
+    }
     let accident = 0.5f64.powi(sum(&LinkScore::evidence_bits).min(999) as i32);
     // A protocol that explains only a part of a link may match the rest by accident.
     let whole = (share / EXPLAINED_MIN).min(1.0);
@@ -117,6 +131,7 @@ fn detect_link(scored: &[CandidateScores], link: &str) -> (LinkDetection, bool) 
             stray.saturating_sub(score.good_bytes + score.broken_bytes)
         }),
         runner_up,
+        foreign: None,
         proven_axes: proven_axes.collect(),
         ..unknown
     };

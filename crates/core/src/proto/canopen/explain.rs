@@ -121,6 +121,13 @@ impl FrameConversation for CanopenDissector {
             })
     }
 
+    fn is_evident_answer(&self, answer: &RawFrame<'_>) -> bool {
+        // A segment repeats one bit: the transport of vehicle diagnosis (ISO 15765-2) on the same identifiers does too.
+        let is_sdo = answer.id.is_some_and(|id| matches!(cob_of_id(id), Some(Cob::SdoReply(_))));
+        !is_sdo
+            || first_eight(answer.bytes).is_some_and(|bytes| SdoReply::of(bytes).object().is_some())
+    }
+
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         // Most frames are process data, which these two comparisons detect.
         let (Some(id), Some(asked)) = (frame.id, request.id) else { return false };

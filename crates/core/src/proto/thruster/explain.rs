@@ -46,6 +46,13 @@ impl FrameFormat for ThrusterDissector {
     fn shares_id(&self, id: u32, extended: bool) -> bool {
         self.claims_id(id, extended)
     }
+
+    fn content_evidence(&self, frame: &RawFrame<'_>) -> Option<bool> {
+        // Elmo's drives have commands of two letters on the same identifiers.
+        let [letters @ .., _, _] = frame.bytes.first_chunk::<4>()?;
+        let is_word = letters.iter().all(u8::is_ascii_uppercase);
+        (is_word && CommandWord::of(*letters).definition().is_none()).then_some(false)
+    }
 }
 
 impl FrameConversation for ThrusterDissector {
