@@ -90,7 +90,7 @@ pub(super) fn parse_tool_line<'a>(line: &'a [u8], scratch: &mut Vec<u8>) -> Opti
         let bytes = parse_bytes(&text[at..], scratch).is_some() && scratch.len() >= BYTES_MIN;
         return bytes.then_some(ToolLine::Repeated);
     }
-    let direction = parse_decoded(text, scratch).or_else(|| parse_brackets(text, scratch));
+    let direction = parse_decoded(line, scratch).or_else(|| parse_brackets(text, scratch));
     if direction.is_none()
         && let Some(found) = MarkedLine::parse(line, scratch)
     {
