@@ -49,6 +49,7 @@ pub mod parallel;
 pub mod plot;
 mod read;
 mod record;
+mod remark;
 mod rules;
 pub mod session;
 mod stream;
@@ -73,6 +74,7 @@ pub use read::{
     ReadStatistics, read_first_record, unpack_bounded,
 };
 pub use record::{CanErrorFrame, FdFrame, Record, RecordData};
+pub use remark::Remark;
 pub use rules::{Rule, RuleError, RuleScope, Rules, nearest_word};
 pub use timestamp::Timestamp;
 pub use write::{CaptureWriter, WriteError};

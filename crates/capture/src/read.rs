@@ -30,6 +30,7 @@ mod marked_line;
 mod pcap;
 mod pcapng;
 mod printed_frame;
+mod program;
 mod serial_log;
 #[cfg(feature = "sqlite")]
 mod sqlite;
@@ -232,6 +233,8 @@ pub struct ReadStatistics {
     pub has_delta_times: bool,
     /// Remarks on how records are read, each once.
     pub notes: Vec<&'static str>,
+    /// Program that the first lines of a text name.
+    pub program: Option<&'static str>,
 }
 
 /// Passes records on and counts.
@@ -415,6 +418,7 @@ impl PlainReader {
             let Some(found) = times.detect_head(format, head, whole) else { return };
             taker.statistics.has_delta_times = found.has_delta_times;
             found.notes().for_each(|note| taker.handle_note(note));
+            taker.statistics.program = program::find_name(head);
             *source = Some((format, open_format(format, found, line_end(head))));
         }
         if let Some((_, source)) = source {

@@ -9,8 +9,8 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use polepair_capture::parallel::{self, BatchConsumer, JOBS_MAX, OutputCallback};
 use polepair_capture::{
-    CaptureDecoder, CaptureFormat, CapturePosition, DecodedFrame, FollowEvent, FollowReader,
-    LinkDetection, LogTimes, ProtocolDetector, ReadOptions, ReadStatistics, Rules, WriteError,
+    CaptureDecoder, CaptureFormat, DecodedFrame, FollowEvent, FollowReader, LinkDetection,
+    LogTimes, ProtocolDetector, ReadOptions, ReadStatistics, Remark, Rules, WriteError,
 };
 use polepair_core::profile::Profile;
 
@@ -429,99 +429,34 @@ pub fn write_problem(path: &Path, error: &WriteError) -> Problem {
     }
 }
 
-/// A remark on a capture beside its frames.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Remark {
-    /// A note on the reading.
-    Note(String),
-    /// A part that was left out, or is doubtful.
-    Warning(String),
-}
-
-impl Remark {
-    /// The text.
-    #[cfg(feature = "tables")]
-    pub fn text(&self) -> &str {
-        match self {
-            Self::Note(text) | Self::Warning(text) => text,
-        }
-    }
-
-    fn print(&self) {
-        match self {
-            Self::Note(text) => print_note(text),
-            Self::Warning(text) => print_warning(text),
-        }
-    }
-}
-
 /// Prints late detections, and the parts that were left out of a capture that was read. The result is
 /// [`Exit::Partial`] where frames were.
 pub fn report_left_out(decoder: &CaptureDecoder) -> Result {
     decoder.later_detections().for_each(print_detection);
-    remarks(decoder).iter().for_each(Remark::print);
+    Remark::of_decoder(decoder).iter().for_each(print_remark);
     check_readable(decoder.statistics())?;
     Ok(if decoder.untracked_records() > 0 { Exit::Partial } else { Exit::Ok })
-}
-
-/// Parts of a decoded capture that were left out, and doubtful ones.
-pub fn remarks(decoder: &CaptureDecoder) -> Vec<Remark> {
-    let mut remarks = Vec::new();
-    if decoder.untracked_records() > 0 {
-        let links = "the capture has too many links; frames of the others are skipped";
-        remarks.push(Remark::Warning(format!("{} {links}", decoder.untracked_records())));
-    }
-    if let Some(reversal) = decoder.time_reversal() {
-        let (link, before, after) = (&reversal.link, reversal.before, reversal.after);
-        remarks.push(Remark::Warning(format!(
-            "{link}: the time goes back from {before} s to {after} s. Times after that are as in the \
-             capture; --times delta reads differences"
-        )));
-    }
-    if decoder.has_requests_only() {
-        let requests = "only requests are in this log: it does not show whether they were answered";
-        remarks.push(Remark::Note(requests.to_owned()));
-    }
-    remarks.extend(read_remarks(decoder.statistics()));
-    remarks
 }
 
 /// Prints the parts that were not read: damaged places, and objects of other kinds. A file without a single record is
 /// not a capture.
 pub fn report_damage(tally: &ReadStatistics) -> Result {
-    read_remarks(tally).iter().for_each(Remark::print);
+    Remark::of_reading(tally).iter().for_each(print_remark);
     check_readable(tally)
 }
 
-fn read_remarks(tally: &ReadStatistics) -> Vec<Remark> {
-    const SHOWN: usize = 5;
-    let mut remarks = Vec::new();
-    if tally.unsupported.is_some() {
-        return remarks;
+fn print_remark(remark: &Remark) {
+    match remark {
+        Remark::Note(text) => print_note(text),
+        Remark::Warning(text) => print_warning(text),
     }
-    if tally.has_delta_times {
-        let times =
-            "the times are differences to the line before; --times absolute reads them as they are";
-        remarks.push(Remark::Note(times.to_owned()));
+}
+
+fn unread_reason(tally: &ReadStatistics) -> String {
+    match tally.program {
+        Some(program) => format!("It names {program}, whose lines could not be read in this form."),
+        None => "No record could be read.".to_owned(),
     }
-    remarks.extend(tally.notes.iter().map(|note| Remark::Note((*note).to_owned())));
-    let skipped = tally.skipped.iter();
-    remarks.extend(skipped.map(|(kind, count)| Remark::Note(format!("skipped {kind}: {count}"))));
-    for damage in tally.damage.iter().take(SHOWN) {
-        let what = match damage.position {
-            CapturePosition::Line(_) => "the line",
-            CapturePosition::Row(_) => "the row",
-            CapturePosition::Byte(_) => "this part",
-        };
-        remarks.push(Remark::Warning(format!("{damage}; {what} is left out")));
-    }
-    if tally.damaged > SHOWN as u64 {
-        remarks.push(Remark::Warning(format!(
-            "{} places could not be read, {} records were",
-            tally.damaged, tally.records
-        )));
-    }
-    remarks
 }
 
 /// A file of another kind is refused, and one without a single record.
@@ -533,8 +468,11 @@ pub fn check_readable(tally: &ReadStatistics) -> Result {
     }
     if (tally.damaged > 0 || !tally.skipped.is_empty()) && tally.records == 0 {
         return Err(Problem::new(Exit::Corrupt, "E510", "this is not a capture.")
-            .why("No record could be read.")
-            .hint("--from FORMAT states its format; polepair decode --help lists the formats"));
+            .why(unread_reason(tally))
+            .hint(
+                "lines such as `(1700000000.000500) can0 601#4041` and `12:34:56.789 TX 01 03 00 33` are read; \
+                 --from FORMAT states its format, and docs/reference/capture-formats.md has all lines",
+            ));
     }
     Ok(Exit::Ok)
 }

@@ -66,6 +66,8 @@ pub struct OpenedCapture {
     pub links: Vec<String>,
     /// Summary of the capture, as `polepair summary` prints it.
     pub summary: String,
+    /// Parts that could not be read or are doubtful, as `polepair decode` prints them.
+    pub remarks: Vec<String>,
     /// First frames of the capture.
     pub page: CapturePage,
 }

@@ -4,12 +4,19 @@ use serde_json::{Map, Value, json};
 
 use super::summary_text::{BURSTS_SHOWN, SummaryStyle};
 use super::{AxisKey, Histogram, Summary};
+use crate::read::ReadStatistics;
 use crate::session::ExchangeOutcome;
 use crate::timestamp::Timestamp;
 
-/// The summary as one JSON object. Times are seconds since 1970, spans and latencies seconds.
+/// Places that could not be read, which are listed.
+const DAMAGE_SHOWN: usize = 5;
+
+/// The summary as one JSON object. `left_out` counts the places of the file that could not be read, and notices of more
+/// kinds than are counted.
+/// Times are seconds since 1970, spans and latencies seconds.
 #[must_use]
-pub fn to_json(summary: &Summary, manner: &SummaryStyle) -> Value {
+pub fn to_json(summary: &Summary, manner: &SummaryStyle, reading: &ReadStatistics) -> Value {
+    let skipped = |(kind, count): &(&'static str, u64)| json!({ "kind": kind, "count": count });
     json!({
         "frames": summary.frames,
         "wrong": summary.defective,
@@ -23,7 +30,9 @@ pub fn to_json(summary: &Summary, manner: &SummaryStyle) -> Value {
         "faults": faults(summary),
         "odd": anomaly_counts(summary),
         "moments": anomaly_bursts(summary),
-        "left_out": summary.dropped,
+        "left_out": reading.damaged + summary.dropped,
+        "damage": reading.damage.iter().take(DAMAGE_SHOWN).map(ToString::to_string).collect::<Vec<_>>(),
+        "skipped": reading.skipped.iter().map(skipped).collect::<Vec<_>>(),
         "clean": summary.is_clean(),
     })
 }

@@ -79,7 +79,7 @@ fn faults_have_cause_and_remedy_and_states_their_time() {
     assert!(shown.contains(fault), "{shown}");
     assert!(shown.contains("cause: braking\n") && shown.contains("try: add a brake resistor\n"));
     assert_eq!(summary.anomalies.counts().collect::<Vec<_>>(), [(AnomalyKind::Fault, 2)]);
-    let json = json::to_json(&summary, &SummaryStyle::default());
+    let json = json::to_json(&summary, &SummaryStyle::default(), &crate::ReadStatistics::default());
     assert_eq!(json["faults"][0]["count"], 2);
     assert_eq!(json["axes"][0]["states"]["nmt"]["seconds"]["operational"], 4.0);
     assert_eq!(json["clean"], false);
@@ -242,7 +242,8 @@ fn a_summary_of_batches_is_that_of_their_frames() {
         other.finish_batch(&mut batch, &mut |batch| batches.add_batch(batch));
         batches.add_batch(&batch);
         let style = SummaryStyle::default();
-        assert_eq!(json::to_json(&batches, &style), json::to_json(&frames, &style));
+        let json = |summary| json::to_json(summary, &style, &crate::ReadStatistics::default());
+        assert_eq!(json(&batches), json(&frames));
         assert_eq!(render_text(&batches, &style), render_text(&frames, &style));
     }
     assert!(compact > 100, "{compact} runs of frames that change nothing");

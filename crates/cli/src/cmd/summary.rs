@@ -70,7 +70,9 @@ impl SummaryOptions {
         let mut out = DataOutput::to_path(self.out.as_deref())?.with_text(is_text);
         match self.format {
             SummaryFormat::Text => out.buffer().extend(render_text(&summary, &manner).bytes()),
-            SummaryFormat::Json => out.write_line(&to_json(&summary, &manner).to_string()),
+            SummaryFormat::Json => {
+                out.write_line(&to_json(&summary, &manner, decoder.statistics()).to_string())
+            }
         }
         out.finish()?;
         Ok(if summary.is_clean() { read } else { Exit::Negative })

@@ -201,6 +201,25 @@ fn explain_takes_frames_in_all_notations() {
     assert!(ran.code == 0 && ran.out.contains("GAP"), "{}{}", ran.out, ran.err);
 }
 
+/// Lines that cannot be read are counted, with the first places.
+#[test]
+fn a_summary_counts_the_lines_that_were_left_out() {
+    let capture =
+        "(1.0) can0 601#4041600000000000\n(1.1) can0 581#4B4160003702000\nnonsense 1#2#3\n";
+    let (code, out, err) = read(&["summary", "-", "--format", "json"], capture);
+    let json: serde_json::Value = serde_json::from_str(&out).expect(&err);
+    assert_eq!((code, json["left_out"].as_u64()), (0, Some(2)), "{out}{err}");
+    assert!(json["damage"][0].as_str().is_some_and(|text| text.starts_with("line 2: ")), "{out}");
+}
+
+/// A file without a readable line names lines that are, and the program that wrote it.
+#[test]
+fn an_unread_log_names_its_program_and_lines_that_are_read() {
+    let (code, out, err) = read(&["decode", "-"], "Vehicle Spy 3 data\nA;B;C\n");
+    assert!(code == 65 || code > 1, "{code} {out}");
+    assert!(err.contains("Vehicle Spy") && err.contains("12:34:56.789 TX 01 03 00 33"), "{err}");
+}
+
 /// C2: identifiers alone prove nothing.
 #[test]
 fn motors_of_another_maker_are_none_of_ours() {

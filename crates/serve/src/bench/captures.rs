@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 
 use polepair_capture::summary::{Summary, SummaryStyle, render_text};
 use polepair_capture::{
-    CaptureDecoder, DecodedFrame, FrameFilter, ProtocolDetector, unpack_bounded,
+    CaptureDecoder, DecodedFrame, FrameFilter, ProtocolDetector, Remark, unpack_bounded,
 };
 
 use super::Bench;
@@ -97,13 +97,15 @@ impl Bench {
             )
             .hint("`polepair decode --help` lists the formats"));
         }
+        let remarks = Remark::of_decoder(&decoder);
+        let remarks = remarks.iter().map(|remark| remark.text().to_owned()).collect();
         let format = decoder.format().map_or("", |format| format.name()).to_owned();
         let manner = SummaryStyle { colour: false, rates: Vec::new(), product: None };
         let id = self.0.captures.store(bytes, links.clone(), total);
         // Stored before the first page, which is read from the store like any other.
         let page = self.capture_page(&id, 0, PAGE_MAX, None)?;
         let summary = render_text(&summary, &manner);
-        Ok(OpenedCapture { id, name: name.to_owned(), format, links, summary, page })
+        Ok(OpenedCapture { id, name: name.to_owned(), format, links, summary, remarks, page })
     }
 
     /// Some frames of a capture from the one of that number on: those that a filter wants.

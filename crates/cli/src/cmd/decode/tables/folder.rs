@@ -5,10 +5,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use polepair_capture::CaptureFormat;
+use polepair_capture::Remark;
 use polepair_columns::{DatasetSite, DatasetWriter, DecodeRecord, TableKind, note_copy};
 
 use super::columns::{self, ColumnsJob};
-use crate::capture::{self, CaptureArgs, Remark};
+use crate::capture::{self, CaptureArgs};
 use crate::problem::{self, Exit, Problem, Result};
 use crate::progress::Progress;
 use crate::terminal::{colour_err, print_warning};
@@ -142,7 +143,7 @@ impl FolderJob<'_> {
         let source = self.stated.source()?.quiet();
         let decoder = columns::decode_into(source, path, &self.site.root, parts, &wanted)?;
         let doubtful = decoder.detections().iter().filter(|found| capture::is_doubtful(found));
-        let left_out = capture::remarks(&decoder);
+        let left_out = Remark::of_decoder(&decoder);
         let remarks = doubtful
             .map(capture::detection_text)
             .chain(left_out.iter().map(Remark::text).map(str::to_owned))
