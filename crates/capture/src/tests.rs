@@ -312,3 +312,28 @@ fn a_log_of_requests_alone_accuses_no_drive() {
         assert!(!only && (found > 0 || protocol == "canopen"), "{protocol}: {found}");
     }
 }
+
+/// Module 2 has the address of hosts: without directions, its requests are no refusals.
+#[test]
+fn requests_to_module_2_are_read_without_directions() {
+    for (opcode, kind, motor) in
+        [(6, 1, 0), (6, 3, 0), (6, 100, 0), (5, 4, 2), (3, 0, 0), (1, 0, 3)]
+    {
+        let with_sum = |mut bytes: Vec<u8>| {
+            bytes.push(bytes.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte)));
+            bytes.iter().map(|byte| format!(" {byte:02X}")).collect::<String>()
+        };
+        let request = with_sum(vec![2, opcode, kind, motor, 0, 0, 1, 0]);
+        let reply = with_sum(vec![2, 2, 100, opcode, 0, 0, 1, 0]);
+        let log = format!("(1.000000) tty{request}\n(1.004000) tty{reply}\n");
+        let mut decoder = CaptureDecoder::new(Rules::parse("tmcl").expect("a protocol"));
+        let mut kinds = Vec::new();
+        let mut keep = |event: &crate::DecodedFrame<'_>| {
+            kinds.push(event.notices.len());
+            assert!(!event.explanation.text.contains("refused"), "{}", event.explanation.text);
+        };
+        decoder.feed(log.as_bytes(), &mut keep);
+        decoder.finish(&mut keep);
+        assert!(kinds[1] > 0, "the reply settles {opcode} {kind} {motor}");
+    }
+}

@@ -56,7 +56,10 @@ pub enum WireError {
 impl core::fmt::Display for WireError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match *self {
-            Self::Short { need, found } => write!(f, "length: needed {need} bytes, found {found}"),
+            Self::Short { need, found } => {
+                let missing = need.saturating_sub(found);
+                write!(f, "length: needed {need} bytes, found {found}: {missing} missing")
+            }
             Self::Long { need, found } => {
                 write!(f, "length: {need} bytes are the whole frame, found {found}")
             }

@@ -1,7 +1,7 @@
 //! Names of programs in the first lines of their files.
 
 /// Words of the first lines, in lower case, and the program that writes them.
-const PROGRAMS: [(&str, &str); 18] = [
+const PROGRAMS: [(&str, &str); 17] = [
     ("vehicle spy", "Vehicle Spy"),
     ("vspy", "Vehicle Spy"),
     ("canking", "Kvaser CanKing"),
@@ -13,7 +13,6 @@ const PROGRAMS: [(&str, &str); 18] = [
     ("canopen magic", "CANopen Magic"),
     ("zcanpro", "ZCANPRO"),
     ("usb_can tool", "USB_CAN Tool"),
-    ("@ text @", "CARBUS Analyzer"),
     ("qmodmaster", "QModMaster"),
     ("modbus poll", "Modbus Poll"),
     ("modbus doctor", "Modbus Doctor"),

@@ -98,7 +98,7 @@ fn breakage_is_named() {
     let capture = "(1.0) a > 01 01 00 00 00 00 01 5E 60\n(1.0) b > 01 01 00 02 00 00 01 5E\n";
     let links = decode(capture, &["--as", "tmcl"]);
     assert_eq!(links["a"][0]["error"], "checksum: computed 61, found 60");
-    assert_eq!(links["b"][0]["error"], "length: needed 9 bytes, found 8");
+    assert_eq!(links["b"][0]["error"], "length: needed 9 bytes, found 8: 1 missing");
 }
 
 #[test]

@@ -12,7 +12,9 @@ pub(super) use conversation::write_effect;
 
 use super::encoding::{decode, register_count, words_from};
 use super::text;
-use super::wire::{Exception, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, WireFormat, word};
+use super::wire::{
+    AnnouncedLength, Exception, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, WireFormat, word,
+};
 use super::{ascii, device_id, rtu, tcp};
 use crate::error::WireError;
 use crate::explain::{
@@ -112,7 +114,9 @@ impl Dissector for ModbusDissector {
             WireFormat::Rtu => {
                 let request = context.request.and_then(|request| rtu::decode(request).ok());
                 let layout = FrameLayout { format: WireFormat::Rtu, check_len: 2 };
-                explain_frame(layout, bytes, rtu::decode(bytes).err(), request, context, sink);
+                let error = rtu::decode(bytes).err();
+                let error = error.map(|error| missing_bytes(bytes, context).unwrap_or(error));
+                explain_frame(layout, bytes, error, request, context, sink);
             }
             WireFormat::Ascii => {
                 let (mut store, mut request_bytes) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
@@ -242,6 +246,24 @@ fn write_device_id(data: &[u8], sink: &mut dyn ExplainSink) -> bool {
         sink.text("\"");
     }
     true
+}
+
+/// The error of an RTU frame that announces more bytes than there are: a byte count shows more of a cut-off answer
+/// than a check sum of its last bytes.
+fn missing_bytes(adu: &[u8], context: &Context<'_>) -> Option<WireError> {
+    let announced = |span| match span {
+        AnnouncedLength::Bytes(len) => Some(len),
+        _ => None,
+    };
+    let (request, reply) = (announced(rtu::request_span(adu)), announced(rtu::reply_span(adu)));
+    let need = match context.direction {
+        Some(Direction::ToDrive) => request?,
+        Some(Direction::ToHost) => reply?,
+        // A reply by its count, where that is one of registers or bits at all; else a request.
+        None if adu.get(2).is_some_and(|count| (1..=250).contains(count)) => reply?,
+        None => request?,
+    };
+    (adu.len() < need).then_some(WireError::Short { need: need as u16, found: adu.len() as u16 })
 }
 
 /// Explains a frame of TCP: the fields of its header, then those that every format has.

@@ -401,16 +401,22 @@ fn explain_broken(error: WireError, sink: &mut dyn ExplainSink) {
     sink.error(error);
 }
 
-/// Distinguishes replies from requests: by the direction, by an open request, or by the likelier case: a reply goes to
-/// host address 2, the factory setting, and has a known status.
+/// First byte in the place of a motor that is no motor but an opcode.
+const MOTORS_MAX: u8 = 4;
+
+/// Distinguishes replies from requests: by the direction, by an open request, or by the likelier case. A reply goes to
+/// host address 2, the factory setting, has a known status, and repeats an opcode where a request has a motor. A module
+/// may have address 2 as well: its requests have a small number there.
 fn is_reply(bytes: &[u8; DATAGRAM], context: &Context<'_>) -> bool {
     let status = Status::from(bytes[2]);
     match context.direction {
         Some(direction) => direction == Direction::ToHost,
         None if context.request.is_some() => true,
         None => {
-            let named = status.is_named();
-            named && (bytes[0] == HOST || (status.is_good() && bytes[0] != MODULE))
+            let named = status.is_named() && Opcode::from(bytes[3]).is_named();
+            let is_request = Opcode::from(bytes[1]).is_named() && bytes[3] < MOTORS_MAX;
+            let to_host = bytes[0] == HOST && (status.is_good() || !is_request);
+            named && (to_host || (status.is_good() && bytes[0] != MODULE))
         }
     }
 }

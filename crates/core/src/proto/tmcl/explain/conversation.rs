@@ -1,7 +1,8 @@
 //! Datagrams in their conversation: sender, expected reply, values.
 
 use super::{
-    PartialFrameSink, ascii_line_len, is_reply, parameter_of, unchecked_reply, unchecked_request,
+    MOTORS_MAX, PartialFrameSink, ascii_line_len, is_reply, parameter_of, unchecked_reply,
+    unchecked_request,
 };
 use crate::explain::{
     Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue, RawFrame,
@@ -11,9 +12,6 @@ use crate::profile::{Parameter, Profile, Signal};
 use crate::proto::tmcl::ascii;
 use crate::proto::tmcl::opcode::{Opcode, SEARCH_STATUS, Status};
 use crate::proto::tmcl::wire::{CAN_DATAGRAM, DATAGRAM, HOST, Reply, Request, VersionText};
-
-/// First byte in the place of a motor that is no motor but an opcode.
-const MOTORS_MAX: u8 = 4;
 
 pub(super) fn frame_role(frame: &RawFrame<'_>, talk: &ConversationContext<'_>) -> FrameRole {
     let reply = match (talk.direction, frame.id) {
