@@ -392,14 +392,7 @@ fn parse_register_values(
         return Err(TextError { at, expected: "fewer values" });
     }
     let single = if count == 1 { Function::WriteRegister } else { Function::WriteRegisters };
-    let start = check_address_range(target.start, count as u16, tokens)?;
-    Ok(ParsedRequest {
-        function: function.unwrap_or(single),
-        start,
-        count: count as u16,
-        words,
-        read: None,
-    })
+    write_request(function.unwrap_or(single), target.start, count as u16, words, tokens)
 }
 
 fn parse_coil_values(
@@ -418,14 +411,18 @@ fn parse_coil_values(
             .ok_or(TextError { at: value.at, expected: "on, off, 1 or 0" })?;
     }
     let single = if count == 1 { Function::WriteCoil } else { Function::WriteCoils };
-    let start = check_address_range(target.start, count as u16, tokens)?;
-    Ok(ParsedRequest {
-        function: function.unwrap_or(single),
-        start,
-        count: count as u16,
-        words,
-        read: None,
-    })
+    write_request(function.unwrap_or(single), target.start, count as u16, words, tokens)
+}
+
+fn write_request(
+    function: Function,
+    start: u16,
+    count: u16,
+    words: [u16; READ_WORDS_MAX as usize],
+    tokens: &[Token<'_>],
+) -> Result<ParsedRequest, TextError> {
+    let start = check_address_range(start, count, tokens)?;
+    Ok(ParsedRequest { function, start, count, words, read: None })
 }
 
 fn check_address_range(start: u16, count: u16, tokens: &[Token<'_>]) -> Result<u16, TextError> {
