@@ -211,5 +211,6 @@ def test_one_request_writes_and_reads(tmp_path):
         answer = both(read_address=0x2000, read_count=2, write_address=0x2001, values=[1234])
         assert answer.registers == [0, 1234], answer
         assert both(read_address=0x2200, read_count=1, write_address=0x2001, values=[5]).exception_code == 2
+        assert client.read_holding_registers(0x2001, count=1, device_id=1).registers == [1234]
         assert both(read_address=0x2000, read_count=1, write_address=0x2200, values=[5]).exception_code == 2
     end(process)

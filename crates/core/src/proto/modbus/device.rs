@@ -552,7 +552,9 @@ fn execute<F: Firmware>(
         RequestPdu::ReadWriteRegisters { read_start, read_count, start, words } => {
             check_count(read_count, firmware.words_max(Function::ReadHoldingRegisters, format))?;
             check_range(read_start, read_count)?;
-            // The write comes before the read (MAP 6.17).
+            // A refused read leaves nothing written, so it is tried before the write, which comes before the read that
+            // is answered (MAP 6.17).
+            read_words(now, Space::Holding, read_start, read_count, firmware, reply)?;
             write_words(now, start, words, firmware)?;
             let len = read_words(now, Space::Holding, read_start, read_count, firmware, reply)?;
             reply[0] = function.code();

@@ -556,3 +556,21 @@ fn a_foreign_unit_answers_nothing_of_ours() {
     assert_eq!(world.read(3, 1).unwrap().words[0], 771);
     assert!(world.host.counters().foreign >= 1);
 }
+
+/// A refused read of function 23 leaves nothing written; one that is not refused is answered with what was written.
+#[test]
+fn a_refused_read_leaves_nothing_written() {
+    for (format, dissector) in
+        [(WireFormat::Rtu, RTU), (WireFormat::Ascii, ASCII), (WireFormat::Tcp, TCP)]
+    {
+        for (read, writes) in [(0x1FF, 0), (0x300, 0), (0x10, 1)] {
+            let mut out = [0; 520];
+            let text = format!("write 0x10 5 read 0x{read:X} 2");
+            let len = dissector.encode(&text, &EncodeOptions::default(), &mut out).unwrap().len;
+            let (mut end, mut drive) = device(format);
+            end.handle_input(Instant(1), &out[..len], &mut drive);
+            assert_eq!(drain(&mut end, &mut drive, Instant(1)).len(), 1, "{format:?} {text}");
+            assert_eq!(drive.writes.len(), writes, "{format:?} {text}");
+        }
+    }
+}
