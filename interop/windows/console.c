@@ -3,10 +3,43 @@
  *
  *     console.exe ctrl-c|ctrl-break|close|logoff COMMAND LINE
  *
- * The signal is sent after a line of input. Prints the exit code of the program and how long it took to end. */
+ * The signal is sent after a line of input. Prints the exit code of the program and how long it took to end.
+ *
+ * Wine makes a thread in another process by asking one of that process' threads to do it, and waits for that without
+ * limit; this program has been seen to print nothing for two minutes, with no other wait that is as long. The call is
+ * therefore left to a thread of its own, which is given up after a while, and is made anew. */
 #include <windows.h>
 #include <stdio.h>
 #include <string.h>
+
+enum { ATTEMPTS = 4, ATTEMPT_MS = 10000, END_MS = 20000 };
+
+static PROCESS_INFORMATION child;
+static LPTHREAD_START_ROUTINE routine;
+
+static DWORD WINAPI signal_child(LPVOID event)
+{
+    return CreateRemoteThread(child.hProcess, NULL, 0, routine, event, 0, NULL) ? 0 : GetLastError();
+}
+
+/* Returns 0 once the program has the signal, else an error of the system. */
+static DWORD send_signal(DWORD event)
+{
+    DWORD code = WAIT_TIMEOUT;
+
+    for (int attempt = 0; attempt < ATTEMPTS; attempt++) {
+        HANDLE sender = CreateThread(NULL, 0, signal_child, (LPVOID)(ULONG_PTR)event, 0, NULL);
+        if (!sender)
+            return GetLastError();
+        if (WaitForSingleObject(sender, ATTEMPT_MS) == WAIT_OBJECT_0) {
+            GetExitCodeThread(sender, &code);
+            CloseHandle(sender);
+            return code;
+        }
+        printf("no thread takes the signal, attempt %d\n", attempt + 1);
+    }
+    return code;
+}
 
 int main(int argc, char **argv)
 {
@@ -15,11 +48,10 @@ int main(int argc, char **argv)
         { "close", CTRL_CLOSE_EVENT }, { "logoff", CTRL_LOGOFF_EVENT },
     };
     STARTUPINFOA start = { .cb = sizeof start };
-    PROCESS_INFORMATION child;
-    LPTHREAD_START_ROUTINE routine;
     char line[16];
     DWORD code, began, n;
 
+    setvbuf(stdout, NULL, _IONBF, 0);
     for (n = 0; argc == 3 && n < 4 && strcmp(argv[1], events[n].name); n++)
         ;
     if (argc != 3 || n == 4)
@@ -32,9 +64,10 @@ int main(int argc, char **argv)
     if (!fgets(line, sizeof line, stdin))
         return 2;
     began = GetTickCount();
-    if (!CreateRemoteThread(child.hProcess, NULL, 0, routine, (LPVOID)(ULONG_PTR)events[n].event, 0, NULL))
-        printf("cannot signal it: %lu\n", GetLastError());
-    if (WaitForSingleObject(child.hProcess, 20000)) {
+    code = send_signal(events[n].event);
+    if (code)
+        printf("cannot signal it: %lu\n", code);
+    if (WaitForSingleObject(child.hProcess, END_MS)) {
         printf("it still runs\n");
         TerminateProcess(child.hProcess, 99);
         return 3;
