@@ -531,11 +531,12 @@ impl CaptureDecoder {
             let mut teller = RuleExplainer {
                 detected: judged,
                 tracks_sessions: follows,
+                time: record.time,
                 deferred_axis: None,
                 rejected_by_content: false,
             };
-            let reported =
-                teller.explain(rules, frame, &context, conversation, &mut self.explanation);
+            let explained = &mut self.explanation;
+            let reported = teller.explain(rules, frame, &context, conversation, session, explained);
             let rule = reported.or_else(|| claiming_rule(rules, session, frame))?;
             let (dissector, stated) = (rules[rule].dissector, stated_by(&rules[rule]));
             let profile = stated.or_else(|| polepair_drives::assumed_profile(dissector));

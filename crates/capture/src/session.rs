@@ -306,6 +306,17 @@ pub(crate) trait ProtocolTracker: Debug + Send {
         notices: &mut Vec<SessionNotice>,
     );
 
+    /// The request under way that `answer` belongs to, if it comes now.
+    fn awaited_request(
+        &self,
+        dissector: &dyn Dissector,
+        answer: &RawFrame<'_>,
+        now: Option<Timestamp>,
+    ) -> Option<RawFrame<'_>> {
+        let _ = (dissector, answer, now);
+        None
+    }
+
     /// Advances the time to `now`: whatever was due by then is missing.
     fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         let _ = (now, notices);
@@ -400,6 +411,18 @@ impl LinkSession {
     /// Returns whether answers are missing on a link whose capture may have none.
     pub fn has_requests_only(&self) -> bool {
         self.one_sided.as_ref().is_some_and(|link| !link.held.is_empty())
+    }
+
+    /// The request under way that `answer` belongs to, if it comes now.
+    pub fn awaited_request(
+        &self,
+        dissector: &dyn Dissector,
+        answer: &RawFrame<'_>,
+        now: Option<Timestamp>,
+    ) -> Option<RawFrame<'_>> {
+        let protocol = dissector.name();
+        let tracker = self.trackers.iter().find(|(name, _)| is_same_protocol(name, protocol));
+        tracker?.1.awaited_request(dissector, answer, now)
     }
 
     /// Handles a frame in its conversation.

@@ -12,6 +12,7 @@ use crate::explanation::Explanation;
 use crate::record::{Record, STANDARD_MAX};
 use crate::rules::{Rule, RuleScope};
 use crate::session::{LinkSession, ObservedFrame};
+use crate::timestamp::Timestamp;
 
 /// Protocol and axis of the frames of an identifier, with the names for them.
 #[derive(Clone, Copy)]
@@ -137,6 +138,8 @@ pub(super) struct RuleExplainer {
     pub detected: bool,
     /// Conversations are followed.
     pub tracks_sessions: bool,
+    /// Time of the frame.
+    pub time: Option<Timestamp>,
     /// The axis of a frame that was left to its conversation to explain.
     pub deferred_axis: Option<u32>,
     /// True if a rule was rejected by the frame's content: other frames with its identifier may follow that rule.
@@ -151,6 +154,7 @@ impl RuleExplainer {
         frame: &Frame,
         context: &Context<'_>,
         conversation: &mut Conversation,
+        session: &LinkSession,
         explained: &mut Explanation,
     ) -> Option<usize> {
         let detected = self.detected;
@@ -171,7 +175,7 @@ impl RuleExplainer {
                 }
         };
         for (at, rule) in rules.iter().enumerate().filter(claims) {
-            self.apply_rule(rule, frame, context, conversation, explained);
+            self.apply_rule(rule, frame, context, conversation, session, explained);
             match rule.scope {
                 RuleScope::Axis(axis) | RuleScope::AxisOn(_, axis)
                     if !matches_axis(axis, explained.axis) =>
@@ -185,7 +189,7 @@ impl RuleExplainer {
         self.deferred_axis = None;
         let at =
             rules.iter().position(|rule| !self.detected && !frame.remote && is_whole_rule(rule))?;
-        self.apply_rule(&rules[at], frame, context, conversation, explained);
+        self.apply_rule(&rules[at], frame, context, conversation, session, explained);
         Some(at)
     }
 
@@ -195,6 +199,7 @@ impl RuleExplainer {
         frame: &Frame,
         context: &Context<'_>,
         conversation: &mut Conversation,
+        session: &LinkSession,
         explained: &mut Explanation,
     ) {
         let raw = super::raw_frame(frame);
@@ -209,7 +214,8 @@ impl RuleExplainer {
         let request = if asks || process_data_axis.is_some() {
             None
         } else {
-            conversation.find_request(rule.dissector, &raw)
+            let awaited = session.awaited_request(rule.dissector, &raw, self.time);
+            awaited.or_else(|| conversation.find_request(rule.dissector, &raw))
         };
         let stated = context.profile.filter(|profile| profile_speaks(profile, rule.dissector));
         let context = Context {

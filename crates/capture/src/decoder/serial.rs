@@ -96,7 +96,10 @@ impl CaptureDecoder {
             .is_some_and(|rule| conversation.detect_echo(rule.dissector, &raw, more_follows));
         let speaker = if echo { Some(Direction::ToDrive) } else { direction };
         let answered = rule.filter(|_| reply && !echo);
-        let request = answered.and_then(|rule| conversation.find_request(rule.dissector, &raw));
+        let request = answered.and_then(|rule| {
+            let awaited = session.awaited_request(rule.dissector, &raw, time);
+            awaited.or_else(|| conversation.find_request(rule.dissector, &raw))
+        });
         let stated = rule.and_then(|rule| self.profiles.for_frame(rule.dissector, &raw, speaker));
         let profile = stated.or_else(|| polepair_drives::assumed_profile(rule?.dissector));
         let context = Context {

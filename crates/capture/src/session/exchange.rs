@@ -15,7 +15,9 @@ mod presence;
 mod values;
 
 use polepair_core::error::WireError;
-use polepair_core::explain::{ConversationContext, Direction, FrameRole, SequencePosition};
+use polepair_core::explain::{
+    ConversationContext, Direction, Dissector, FrameRole, RawFrame, SequencePosition,
+};
 
 use super::{AnomalyKind, AnomalyNotice, ObservedFrame, ProtocolTracker, Quality, SessionNotice};
 use crate::defect::{FrameDefect, stray_text};
@@ -83,6 +85,15 @@ impl ProtocolTracker for ExchangeTracker {
         let request = self.pairing.request_of(observed.number);
         self.values.handle_values(observed, explanation, quality, request, notices);
         self.presence.record_missed(self.pairing.take_given_up(), observed.time, notices);
+    }
+
+    fn awaited_request(
+        &self,
+        dissector: &dyn Dissector,
+        answer: &RawFrame<'_>,
+        now: Option<Timestamp>,
+    ) -> Option<RawFrame<'_>> {
+        self.pairing.awaited_request(dissector, answer, now)
     }
 
     fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {

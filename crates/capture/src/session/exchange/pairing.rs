@@ -6,7 +6,9 @@ mod expiry;
 use core::fmt::Write as _;
 use std::collections::VecDeque;
 
-use polepair_core::explain::{ConversationContext, RawFrame, ReplyCount, ReplyExpectation};
+use polepair_core::explain::{
+    ConversationContext, Dissector, RawFrame, ReplyCount, ReplyExpectation,
+};
 
 use super::{AXES_MAX, anomaly};
 use crate::explanation::Explanation;
@@ -58,8 +60,6 @@ pub(super) struct Pairing {
     fastest: Option<u64>,
     /// Mean of its recent response times, with decay.
     recent_mean: Option<u64>,
-    /// Requests that did not wait for the answer to the one before, to the same axis.
-    overlapping: u64,
 }
 
 /// A frame that is kept.
@@ -95,6 +95,10 @@ struct TrackedRequest {
     state: RequestState,
     /// Something that is no frame came where its answer was due.
     spoiled: bool,
+    /// A later request to the axis was answered before it.
+    overtaken: bool,
+    /// The answer that settled it may be the late one to a request before it.
+    doubtful: bool,
     /// The bytes that settled it.
     answer: Vec<u8>,
 }
@@ -158,6 +162,16 @@ impl Pairing {
         (last.state == RequestState::Open).then(|| last.frame.raw())
     }
 
+    /// The request that an answer belongs to, if it comes now.
+    pub fn awaited_request(
+        &self,
+        dissector: &dyn Dissector,
+        answer: &RawFrame<'_>,
+        now: Option<Timestamp>,
+    ) -> Option<RawFrame<'_>> {
+        Some(self.requests[self.find_candidate(dissector, answer, now)?].frame.raw())
+    }
+
     /// Request that defines the format of an axis' replies.
     pub fn format_request(&self, axis: Option<u32>) -> Option<RawFrame<'_>> {
         let axis = axis?;
@@ -188,9 +202,6 @@ impl Pairing {
         if self.match_retry(observed, explanation.axis, notices) {
             return;
         }
-        let before =
-            self.requests.iter().rfind(|request| request.exchange.axis == explanation.axis);
-        self.overlapping += u64::from(before.is_some_and(TrackedRequest::awaits_answer));
         self.expire_overtaken(awaits, observed, explanation.axis, notices);
         // Buffers of settled requests are used again: a busy serial line has thousands of exchanges a second.
         let mut request = self.recycle_request(notices);
@@ -205,7 +216,8 @@ impl Pairing {
         };
         request.frame.store(&observed.raw);
         request.awaits = awaits;
-        (request.acks, request.answers, request.spoiled) = (0, 0, false);
+        (request.acks, request.answers) = (0, 0);
+        (request.spoiled, request.overtaken, request.doubtful) = (false, false, false);
         request.last_sent = observed.time;
         // A profile's time is that of its serial line.
         let profile = observed.profile.filter(|_| !observed.dissector.has_transactions());
@@ -246,7 +258,8 @@ impl Pairing {
             self.give_up_request(at, observed.time, notices);
             return false;
         }
-        let request = &mut self.requests[at];
+        // Now the newest.
+        let Some(mut request) = self.requests.remove(at) else { return false };
         request.exchange.retries = request.exchange.retries.saturating_add(1);
         request.last_sent = observed.time;
         let text = format!(
@@ -254,6 +267,7 @@ impl Pairing {
             request.description(),
             ordinal(request.exchange.retries)
         );
+        self.requests.push_back(request);
         notices.push(anomaly(AnomalyKind::Retry, axis, text));
         true
     }
@@ -281,7 +295,11 @@ impl Pairing {
                 RequestState::Open if turns && !acked && same_axis => {
                     self.give_up_request(at, observed.time, notices);
                 }
-                RequestState::Settled if same_axis => drop(self.requests.remove(at)),
+                RequestState::Settled
+                    if same_axis && (!request.doubtful || request.is_late(observed.time)) =>
+                {
+                    self.requests.remove(at);
+                }
                 _ => {}
             }
         }
@@ -355,12 +373,22 @@ impl Pairing {
         let fits = |request: &TrackedRequest| {
             observed.dissector.is_answer_to(&observed.raw, &request.frame.raw())
         };
-        let open = self.find_candidate(observed);
-        if let Some(at) = open {
+        let open = self.find_candidate(observed.dissector, &observed.raw, observed.time);
+        if let Some(at) = open.filter(|at| self.requests[*at].awaits_answer()) {
             self.answers += 1;
+            let is_doubtful = self.is_doubtful(at, observed);
             // Before it is settled, because afterwards it would count as answered itself.
             self.expire_earlier(at, observed, notices);
             let quality = self.settle_request(at, observed, notices);
+            self.requests[at].doubtful = is_doubtful;
+            if is_doubtful {
+                return AnswerMatch { requested: true, quality: Quality::Stale };
+            }
+            self.note_delay(at);
+            return AnswerMatch { requested: true, quality };
+        }
+        if let Some(at) = open {
+            let quality = self.handle_repeated_answer(at, observed, notices);
             return AnswerMatch { requested: true, quality };
         }
         let again =
@@ -398,10 +426,14 @@ impl Pairing {
         notices: &mut Vec<SessionNotice>,
     ) {
         for earlier in 0..at {
-            let request = &self.requests[earlier];
-            let same = request.exchange.axis == self.requests[at].exchange.axis;
+            let axis = self.requests[at].exchange.axis;
+            let request = &mut self.requests[earlier];
             let fits = || observed.dissector.is_answer_to(&observed.raw, &request.frame.raw());
-            if same && request.awaits_answer() && fits() {
+            if request.exchange.axis != axis || !fits() {
+                continue;
+            }
+            (request.overtaken, request.doubtful) = (true, false);
+            if request.awaits_answer() {
                 self.give_up_request(earlier, observed.time, notices);
             }
         }
@@ -447,13 +479,6 @@ impl Pairing {
         request.state = RequestState::Settled;
         let refused = observed.dissector.refusal_reason(&observed.raw, &request.frame.raw());
         let late = request.is_late(observed.time);
-        // A capture without times has no usual delay to compare with.
-        if !late && let Some(took) = request.exchange.latency() {
-            self.slowest = self.slowest.max(took);
-            self.fastest = Some(self.fastest.map_or(took, |fastest| fastest.min(took)));
-            self.recent_mean =
-                Some(self.recent_mean.map_or(took, |lately| lately - lately / 8 + took / 8));
-        }
         request.exchange.outcome = match refused {
             Some(_) => ExchangeOutcome::Refused,
             None if late => ExchangeOutcome::Late,
@@ -478,6 +503,18 @@ impl Pairing {
         }
         // A late value is kept, but a diagram can leave it out: it may belong to an earlier request.
         if late { Quality::Stale } else { Quality::Good }
+    }
+
+    /// Learns from the answer to a request how long answers take.
+    fn note_delay(&mut self, at: usize) {
+        let request = &self.requests[at];
+        // A capture without times has no usual delay to compare with.
+        let took = request.exchange.latency().filter(|took| *took <= request.limit_ns);
+        let Some(took) = took.filter(|_| request.state == RequestState::Settled) else { return };
+        self.slowest = self.slowest.max(took);
+        self.fastest = Some(self.fastest.map_or(took, |fastest| fastest.min(took)));
+        self.recent_mean =
+            Some(self.recent_mean.map_or(took, |lately| lately - lately / 8 + took / 8));
     }
 
     /// Another answer to a request that was settled or given up.
@@ -511,6 +548,13 @@ impl Pairing {
             let text = format!("{whose}: answered after it had been given up");
             notices.push(anomaly(AnomalyKind::LateReply, axis, text));
             return Quality::Stale;
+        }
+        if core::mem::take(&mut request.doubtful) && request.answer != observed.raw.bytes {
+            let text = format!(
+                "{whose}: answered again, so the answer before may be that to the request before it"
+            );
+            notices.push(anomaly(AnomalyKind::LateReply, axis, text));
+            return Quality::Good;
         }
         let expected = match request.awaits.answers {
             ReplyCount::Unknown => return Quality::Good,
@@ -589,6 +633,8 @@ impl Pairing {
             limit_ns: 0,
             state: RequestState::Settled,
             spoiled: false,
+            overtaken: false,
+            doubtful: false,
             answer: Vec::new(),
         }
     }

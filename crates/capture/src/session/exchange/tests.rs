@@ -17,6 +17,8 @@ use polepair_core::proto::tml::wire::{IdCode, Message};
 use crate::session::{ExchangeOutcome, SessionNotice};
 use crate::{CaptureDecoder, Rules};
 
+mod turns;
+
 /// A capture that is written line by line.
 #[derive(Default)]
 struct SerialLog {
@@ -61,13 +63,18 @@ impl SerialLog {
         self
     }
 
+    /// Passes the notices of the conversations on.
+    fn decode(&self, protocol: &str, mut take: impl FnMut(&[SessionNotice])) {
+        let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
+        decoder.feed(self.text.as_bytes(), &mut |event| take(event.notices));
+        decoder.finish(&mut |event| take(event.notices));
+        decoder.finish_sessions(&mut |event| take(event.notices));
+    }
+
     /// Report of the conversations.
     fn report(&self, protocol: &str) -> ConversationReport {
-        let mut decoder = CaptureDecoder::new(Rules::parse(protocol).expect("a protocol"));
         let mut received = ConversationReport::default();
-        decoder.feed(self.text.as_bytes(), &mut |event| received.add(event.notices));
-        decoder.finish(&mut |event| received.add(event.notices));
-        decoder.finish_sessions(&mut |event| received.add(event.notices));
+        self.decode(protocol, |notices| received.add(notices));
         received
     }
 }

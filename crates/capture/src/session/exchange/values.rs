@@ -156,8 +156,10 @@ impl ValueTracker {
             if let Some((_, raw)) = known {
                 return Some(*raw);
             }
-            // A default from a data sheet is no reading.
-            quality.set(quality.get().max(Quality::Inferred));
+            // A default from a data sheet is no reading; a doubt about the value itself weighs more.
+            if quality.get() == Quality::Good {
+                quality.set(Quality::Inferred);
+            }
             profile.parameter(id)?.default
         };
         match scale.compute(profile, parameter.encoding.is_signed(), &read) {

@@ -1,6 +1,8 @@
-//! Assigns a reply if several open requests expect a similar one.
+//! Assigns a reply if several requests expect a similar one.
 
-use super::{Pairing, TrackedRequest};
+use polepair_core::explain::{Dissector, RawFrame};
+
+use super::{Pairing, RequestState, TrackedRequest};
 use crate::session::ObservedFrame;
 use crate::timestamp::Timestamp;
 
@@ -8,58 +10,118 @@ use crate::timestamp::Timestamp;
 const USUAL_MIN: u64 = 4;
 /// … which is twice the longest so far, and this besides, ns: adapters pass frames on in bunches.
 const USUAL_SLACK: u64 = 5_000_000;
-/// Ratio of awaited to overtaken replies above which a host takes turns with an axis.
-const WAITED_RATIO: u64 = 16;
 
 impl Pairing {
-    /// Returns whether an answer now would come as soon as answers of this link usually do. Without that, one lost
-    /// answer to a host that asks on would shift all that follow by one.
-    fn is_usual_delay(&self, request: &TrackedRequest, now: Option<Timestamp>) -> bool {
-        let waited = request.last_sent.zip(now).map_or(0, |(last, now)| now.since(last));
-        if self.waits_for_answers() {
-            let min = self.fastest.unwrap_or(0) / 2;
-            return (min..=self.slowest + self.slowest / 2).contains(&waited);
+    /// The request that an answer belongs to, if it comes now, among those that wait for one.
+    ///
+    /// A host that waited longer than answers take before it asked again has given the requests before that one up, so
+    /// the answer belongs to the newest. Of several that were sent without such a pause, the oldest is answered first.
+    pub(super) fn find_candidate(
+        &self,
+        dissector: &dyn Dissector,
+        answer: &RawFrame<'_>,
+        now: Option<Timestamp>,
+    ) -> Option<usize> {
+        let fits = |at: &usize| dissector.is_answer_to(answer, &self.requests[*at].frame.raw());
+        let open = || (0..self.requests.len()).filter(|at| self.requests[*at].awaits_answer());
+        let repeated = |at: &usize| self.requests[*at].frame.bytes == answer.bytes;
+        if let Some(at) = open().filter(repeated).find(fits) {
+            return Some(at);
         }
-        let max = self.slowest.saturating_mul(2).saturating_add(USUAL_SLACK);
-        self.answers < USUAL_MIN || waited <= max
-    }
-
-    /// Returns whether the host waits for an answer before it asks an axis again: when it does not, it gave the answer
-    /// up.
-    fn waits_for_answers(&self) -> bool {
-        self.answers >= WAITED_RATIO * self.overlapping.max(1)
-    }
-
-    /// Deviation of a reply's time from the recent ones, if the host takes turns.
-    fn deviation(&self, request: &TrackedRequest, now: Option<Timestamp>) -> u64 {
-        let waited = request.last_sent.zip(now).map(|(last, now)| now.since(last));
-        let lately = self.recent_mean.filter(|_| self.waits_for_answers());
-        waited.zip(lately).map_or(0, |(waited, lately)| waited.abs_diff(lately))
-    }
-
-    /// The request that an answer belongs to, among those that wait: one that it repeats, else one
-    /// that may be answered so soon, else one that is not late, else any. Of several the oldest, or
-    /// where the host takes turns that whose answer would take the time that answers take.
-    pub(super) fn find_candidate(&self, observed: &ObservedFrame<'_>) -> Option<usize> {
-        let fits = |request: &TrackedRequest| {
-            request.awaits_answer()
-                && observed.dissector.is_answer_to(&observed.raw, &request.frame.raw())
-        };
-        let mut best: Option<((u8, u64), usize)> = None;
-        for (at, request) in self.requests.iter().enumerate().filter(|(_, r)| fits(r)) {
-            let rank = if request.frame.bytes == observed.raw.bytes {
-                0
-            } else if request.is_late(observed.time) {
-                3
-            } else {
-                1 + u8::from(!self.is_usual_delay(request, observed.time))
-            };
-            let strange = if rank == 1 { self.deviation(request, observed.time) } else { 0 };
-            let rank = (rank, strange);
-            if best.is_none_or(|(least, _)| rank < least) {
-                best = Some((rank, at));
+        let newest = open().rev().find(fits)?;
+        if self.is_too_soon(newest, now)
+            && let Some(before) = self.find_unanswered(newest, dissector, answer, now)
+        {
+            return Some(before);
+        }
+        let mut burst = newest;
+        let mut best = (self.rank(newest, now), newest);
+        for at in open().rev().filter(|at| *at < newest).filter(fits) {
+            if !self.is_burst(at, burst, now) {
+                break;
+            }
+            burst = at;
+            let rank = self.rank(at, now);
+            if rank <= best.0 {
+                best = (rank, at);
             }
         }
-        best.map(|(_, at)| at)
+        Some(best.1)
     }
+
+    /// Returns whether the answer to request `at` could as well be the late one to a request before it.
+    pub(super) fn is_doubtful(&self, at: usize, observed: &ObservedFrame<'_>) -> bool {
+        let (dissector, raw) = (observed.dissector, &observed.raw);
+        let repeats = self.requests[at].frame.bytes == raw.bytes;
+        let before = self.find_unanswered(at, dissector, raw, observed.time);
+        before.is_some_and(|before| {
+            let request = &self.requests[before];
+            // An answer in the usual time is likely to be its own.
+            let is_likely = request.state == RequestState::Settled
+                && request.exchange.latency().is_none_or(|took| took <= self.usual_max_ns());
+            !repeats && !is_likely && !self.is_burst(before, at, observed.time)
+        })
+    }
+
+    /// The last request to the axis before request `at` that the same answer could belong to.
+    fn find_unanswered(
+        &self,
+        at: usize,
+        dissector: &dyn Dissector,
+        answer: &RawFrame<'_>,
+        now: Option<Timestamp>,
+    ) -> Option<usize> {
+        (0..at).rev().find(|before| {
+            let earlier = &self.requests[*before];
+            earlier.exchange.axis == self.requests[at].exchange.axis
+                && earlier.may_be_unanswered()
+                && !earlier.is_late(now)
+                && dissector.is_answer_to(answer, &earlier.frame.raw())
+        })
+    }
+
+    /// Returns whether request `at` was sent a moment ago, so that the drive cannot have answered it.
+    fn is_too_soon(&self, at: usize, now: Option<Timestamp>) -> bool {
+        let fastest = self.fastest.filter(|_| self.answers >= USUAL_MIN);
+        fastest.is_some_and(|fastest| waited_ns(&self.requests[at], now) < fastest / 2)
+    }
+
+    /// Returns whether the host sent the later request without waiting for an answer to the earlier.
+    fn is_burst(&self, earlier: usize, later: usize, now: Option<Timestamp>) -> bool {
+        let gap = waited_ns(&self.requests[earlier], self.requests[later].last_sent);
+        // Until it is known how long answers take, this one has taken longer than the host waits.
+        gap < self.recent_mean.unwrap_or_else(|| waited_ns(&self.requests[later], now))
+    }
+
+    /// Time within which answers usually come, ns.
+    fn usual_max_ns(&self) -> u64 {
+        self.slowest.saturating_mul(2).saturating_add(USUAL_SLACK)
+    }
+
+    /// Rank of a request of a burst: 0 if answers take that long, 1 if they are faster, 2 if it is late. Without that,
+    /// one lost answer to a host that asks on would shift all that follow by one.
+    fn rank(&self, at: usize, now: Option<Timestamp>) -> u8 {
+        let request = &self.requests[at];
+        if request.is_late(now) {
+            2
+        } else {
+            u8::from(self.answers >= USUAL_MIN && waited_ns(request, now) > self.usual_max_ns())
+        }
+    }
+}
+
+impl TrackedRequest {
+    /// Returns whether an answer to it may still be under way.
+    fn may_be_unanswered(&self) -> bool {
+        match self.state {
+            RequestState::Open => self.awaits_answer(),
+            RequestState::GivenUp => !self.overtaken,
+            RequestState::Settled => self.doubtful,
+        }
+    }
+}
+
+/// Time since a request was sent, ns.
+fn waited_ns(request: &TrackedRequest, now: Option<Timestamp>) -> u64 {
+    request.last_sent.zip(now).map_or(0, |(last, now)| now.since(last))
 }
