@@ -46,18 +46,23 @@ impl LineFormat for BusmasterReader {
             return Ok(ParsedLine::Nothing);
         }
         let mut words = line.split_ascii_whitespace();
-        let time = words.next().and_then(parse_clock).ok_or(ReadError("expected a time"))?;
+        let clock = words.next().and_then(|word| parse_clock(word, self.base));
+        let time = clock.ok_or(ReadError("expected a time"))?;
         let direction = match next_word(&mut words) {
             "Rx" => Direction::ToHost,
             "Tx" => Direction::ToDrive,
             _ => return Ok(ParsedLine::Skipped("events that are not CAN frames")),
         };
-        let channel = words.next().and_then(|word| word.parse::<u32>().ok()).filter(|n| *n > 0);
+        // Files that SavvyCAN writes may count channels from 0.
+        let channel = words.next().and_then(|word| word.parse::<u32>().ok());
         let channel = channel.ok_or(ReadError("expected a channel after the direction"))?;
         let frame = self.parse_frame(&mut words)?;
         let time = self.place(time);
         self.link.clear();
-        let _ = std::fmt::Write::write_fmt(&mut self.link, format_args!("can{}", channel - 1));
+        let _ = std::fmt::Write::write_fmt(
+            &mut self.link,
+            format_args!("can{}", channel.saturating_sub(1)),
+        );
         Ok(ParsedLine::Record(Record {
             time: Some(time),
             link: &self.link,
@@ -134,14 +139,17 @@ impl BusmasterReader {
     }
 }
 
-/// Hours, minutes, seconds and tenths of milliseconds, in nanoseconds: `12:34:56:7890`.
-fn parse_clock(word: &str) -> Option<u64> {
+/// Hours, minutes, seconds and tenths of milliseconds, in nanoseconds: `12:34:56:7890`. A time of the day with three
+/// digits has milliseconds, as SavvyCAN writes it; BUSMASTER itself always writes four.
+fn parse_clock(word: &str, base: TimeBase) -> Option<u64> {
     let mut parts = word.split(':');
     let mut next = || parts.next()?.parse::<u64>().ok();
     let (hours, minutes, seconds, fraction) = (next()?, next()?, next()?, next()?);
     let minutes = hours.checked_mul(60)?.checked_add(minutes)?;
     let seconds = minutes.checked_mul(60)?.checked_add(seconds)?;
-    seconds.checked_mul(1_000_000_000)?.checked_add(fraction.checked_mul(100_000)?)
+    let is_ms = base == TimeBase::System && word.rsplit(':').next().is_some_and(|d| d.len() == 3);
+    let unit_ns = if is_ms { 1_000_000 } else { 100_000 };
+    seconds.checked_mul(1_000_000_000)?.checked_add(fraction.checked_mul(unit_ns)?)
 }
 
 /// Day, month, year, hour, minute, second and milliseconds: `27:11:2026 12:34:56:123`. Returns the midnight

@@ -1,7 +1,8 @@
 //! Names of programs in the first lines of their files.
 
 /// Words of the first lines, in lower case, and the program that writes them.
-const PROGRAMS: [(&str, &str); 17] = [
+const PROGRAMS: [(&str, &str); 18] = [
+    ("***busmaster", "BUSMASTER"),
     ("vehicle spy", "Vehicle Spy"),
     ("vspy", "Vehicle Spy"),
     ("canking", "Kvaser CanKing"),

@@ -78,8 +78,7 @@ pub(super) struct NamedTable {
 impl NamedTable {
     /// The columns of a first line; `None` where it names no identifier or no data.
     pub fn from_header(header: &str) -> Option<Self> {
-        let separator =
-            [';', '\t', ','].into_iter().find(|sign| header.matches(*sign).count() > 1)?;
+        let separator = [';', '\t', ','].into_iter().find(|sign| header.contains(*sign))?;
         let names: Vec<(String, String)> = header.split(separator).map(split_unit).collect();
         let find = |wanted: &[&str]| {
             wanted.iter().find_map(|name| names.iter().position(|(column, _)| column == name))
@@ -271,6 +270,7 @@ mod tests {
     #[test]
     fn a_table_needs_an_identifier_and_data() {
         assert!(NamedTable::from_header("Time,ID,Data").is_some());
+        assert!(NamedTable::from_header("ID,Data Bytes").is_some());
         assert!(NamedTable::from_header("ID;D0;D1;D2").is_none(), "no length");
         assert!(NamedTable::from_header("Time,Speed,Torque").is_none());
         assert!(NamedTable::from_header("a sentence, with id, and data").is_none());

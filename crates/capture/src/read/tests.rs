@@ -377,6 +377,10 @@ fn busmaster() {
         "(1795824001.000000) can0 123#R4 R",
     ];
     assert_eq!(read_whole(&format!("{head}***SYSTEM MODE***\n{lines}")), expected);
+    // As SavvyCAN's examples have it.
+    let converted =
+        read_whole(&format!("{head}***SYSTEM MODE***\n00:00:00:992 Rx 0 00000210 s 1 07\n"));
+    assert_eq!(converted, ["(1795824000.992000) can0 210#07 R"]);
     let short = "0:0:1:5000 Rx 1 291 s 1 16\n0:0:0:5000 Rx 1 291 s 1 16\n";
     let relative = read_whole(&format!("{head}***DEC***\n***RELATIVE MODE***\n{short}"));
     assert_eq!(
