@@ -74,6 +74,21 @@ pub struct ServoBounds {
     pub current: f64,
 }
 
+/// Least and greatest current, A.
+#[derive(Clone, Copy)]
+struct CurrentRange {
+    least: f64,
+    greatest: f64,
+}
+
+impl CurrentRange {
+    #[inline]
+    fn clamp(self, current: f64) -> f64 {
+        // Not `f64::clamp`, which panics where a limit is below zero.
+        current.max(self.least).min(self.greatest)
+    }
+}
+
 impl ServoBounds {
     /// Nothing holds it.
     pub const NONE: Self =
@@ -95,6 +110,10 @@ pub struct Servo {
     pub gains: Gains,
     /// Current at most, A.
     pub max_current: f64,
+    /// Currents at most backward and forward, A, where these are less.
+    pub current_limits: (f64, f64),
+    /// Current added to that of the speed loop, A: for a load that the host knows.
+    pub current_offset: f64,
     /// Share of the bus voltage that may be used, 0 to 1.
     pub pwm: f64,
     integral: f64,
@@ -110,6 +129,8 @@ impl Servo {
         Self {
             gains: Gains::tuned(motor),
             max_current: motor.max_current,
+            current_limits: (f64::INFINITY, f64::INFINITY),
+            current_offset: 0.0,
             pwm: 1.0,
             trajectory: Trajectory::new(Limits::trapezoid(1e4, 1e3), 0.0),
             goal: Goal::Position(0.0),
@@ -128,6 +149,7 @@ impl Servo {
     pub fn disable(&mut self) {
         self.enabled = false;
         self.integral = 0.0;
+        self.current_offset = 0.0;
     }
 
     /// Returns whether the drive is enabled.
@@ -179,6 +201,21 @@ impl Servo {
     #[must_use]
     pub const fn integral(&self) -> f64 {
         self.integral
+    }
+
+    /// The present limits of the current.
+    #[inline]
+    fn current_range(&self) -> CurrentRange {
+        let (max, (backward, forward)) = (self.max_current.abs(), self.current_limits);
+        CurrentRange { least: -max.min(backward), greatest: max.min(forward) }
+    }
+
+    /// The limit for a current of that sign, A without sign.
+    #[inline]
+    #[must_use]
+    pub fn current_limit_for(&self, current: f64) -> f64 {
+        let range = self.current_range();
+        if current < 0.0 { -range.least } else { range.greatest }
     }
 
     /// Sets the limits of the set-point.
@@ -263,7 +300,6 @@ impl Servo {
         velocity: f64,
     ) {
         let bus = conditions.bus * self.pwm.clamp(0.0, 1.0);
-        let max = self.max_current.abs();
         // Measured before the step: this is the voltage of the tick before.
         let short_of_voltage = motor.voltage().abs() > 0.999 * bus;
         let winding = match self.goal {
@@ -276,7 +312,7 @@ impl Servo {
                     short_of_voltage,
                 ))
             }
-            Goal::Current(i) => Winding::Current(clamp_abs(i, max)),
+            Goal::Current(i) => Winding::Current(self.current_range().clamp(i)),
             Goal::Voltage(v) => Winding::Voltage(v),
             Goal::Velocity(_) | Goal::Position(_) => {
                 let (speed, acceleration) = self.advance_setpoint(position);
@@ -316,15 +352,16 @@ impl Servo {
     fn velocity_control(&mut self, error: f64, acceleration: f64, short_of_voltage: bool) -> f64 {
         let gains = &self.gains;
         let direct = gains.velocity_p * error + gains.acceleration * acceleration;
-        let max = self.max_current.abs();
-        let requested = direct + self.integral;
+        let range = self.current_range();
+        let requested = direct + self.integral + self.current_offset;
+        let possible = range.clamp(requested);
         // Anti-windup: what cannot be had is not summed up.
-        let spent = requested.abs() > max || short_of_voltage;
+        let spent = requested != possible || short_of_voltage;
         if !(spent && requested * error > 0.0) {
             let grown = self.integral + gains.velocity_i * error * TICK_S;
-            self.integral = clamp_abs(grown, max);
+            self.integral = range.clamp(grown);
         }
-        clamp_abs(requested, max)
+        possible
     }
 }
 

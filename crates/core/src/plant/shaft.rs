@@ -1,6 +1,8 @@
 //! A servo motor on its drive, as families of servo drives share it: control loops, encoder, temperatures, and the
 //! integrators that protections look at. A family decides which of them are faults.
 
+use core::f64::consts::TAU;
+
 use super::{
     Conditions, Goal, Limits, Motor, MotorParameters, Servo, ServoBounds, Setpoint, StallDetector,
     TICK_S, ThermalModel,
@@ -169,11 +171,31 @@ impl ServoShaft {
         self.servo.max_current = ampere.min(self.motor.parameters().max_current);
     }
 
+    /// Limits the torque backward and forward, in shares of the rated one.
+    pub fn limit_torque(&mut self, backward: f64, forward: f64) {
+        debug_assert!(backward >= 0.0 && forward >= 0.0);
+        self.servo.current_limits = (backward * self.rated_current, forward * self.rated_current);
+    }
+
+    /// Adds a share of the rated torque to that of the control loops, until power is off or another one is set.
+    #[inline]
+    pub fn offset_torque(&mut self, share: f64) {
+        self.servo.current_offset = share * self.rated_current;
+    }
+
+    /// Position of the encoder's index pulse in the last tick, if there was one: at whole turns.
+    #[must_use]
+    pub fn index_pulse(&self) -> Option<f64> {
+        let (was, is) = (whole_turns(self.previous_position()), whole_turns(self.position()));
+        (was != is).then(|| was.max(is) * TAU)
+    }
+
     /// Returns whether the motor gives all the torque it may.
     #[inline]
     #[must_use]
     pub fn is_torque_limited(&self) -> bool {
-        self.is_powered() && self.motor.current().abs() >= LIMIT_SHARE * self.servo.max_current
+        let current = self.motor.current();
+        self.is_powered() && current.abs() >= LIMIT_SHARE * self.servo.current_limit_for(current)
     }
 
     /// Switches the power stage on, holding where the shaft is.
@@ -334,7 +356,7 @@ impl ServoShaft {
     #[inline]
     pub fn check_stall(&mut self) -> bool {
         let (velocity, current) = (self.motor.velocity(), self.motor.current());
-        self.stall.step(velocity, current, self.servo.max_current)
+        self.stall.step(velocity, current, self.servo.current_limit_for(current))
     }
 
     /// Resets the integrators of the protections.
@@ -342,4 +364,8 @@ impl ServoShaft {
         self.overload = 0.0;
         self.stall.reset();
     }
+}
+
+fn whole_turns(position: f64) -> f64 {
+    libm::floor(position / TAU)
 }

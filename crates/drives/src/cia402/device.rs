@@ -19,8 +19,14 @@ pub struct Device {
 impl Device {
     /// A drive after power-up.
     #[must_use]
-    pub fn new(mut drive: Drive) -> Self {
-        Self { end: CanEndpoint::new(Quirks::STRICT, &mut drive), drive }
+    pub fn new(drive: Drive) -> Self {
+        Self::with_quirks(drive, Quirks::STRICT)
+    }
+
+    /// [`new`](Self::new) with deviations from the standard.
+    #[must_use]
+    pub fn with_quirks(mut drive: Drive, quirks: Quirks) -> Self {
+        Self { end: CanEndpoint::new(quirks, &mut drive), drive }
     }
 
     /// The drive behind the bus.

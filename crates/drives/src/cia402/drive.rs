@@ -3,12 +3,15 @@
 use core::f64::consts::TAU;
 
 use super::faults::FaultCode;
+use super::interpolation::RecordBuffer;
 use super::objects::{ALL_MODES, DICTIONARY, Objects, VELOCITY_MODE, computed, stored};
 use super::protections::{self, RATED_CURRENT, STALL_TICKS};
+use super::touch_probe::TouchProbes;
 use super::transfer_objects::TransferObjects;
 use polepair_core::plant::{ServoShaft, TICK_NS, Ticks};
 use polepair_core::proto::canopen::device::motion::{
-    MotionAxis, MotionContext, MotionEvent, MotionQuirks, PowerState as Power, is_method, modes,
+    MotionAxis, MotionContext, MotionEvent, MotionLimits, MotionQuirks, PowerState as Power,
+    is_method, modes,
 };
 use polepair_core::proto::canopen::device::{
     DomainObjects, Firmware, NodeClock, NodeIdentity, NodeStorage, SettingsGroup,
@@ -123,6 +126,8 @@ pub struct Drive {
     stored_objects: Option<Objects>,
     /// Bits of 6502h: the modes that it has.
     modes: u32,
+    probes: TouchProbes,
+    records: RecordBuffer,
 }
 
 impl Drive {
@@ -152,6 +157,8 @@ impl Drive {
             files: TransferObjects::default(),
             stored_objects: None,
             modes: ALL_MODES,
+            probes: TouchProbes::default(),
+            records: RecordBuffer::default(),
         }
     }
 
@@ -162,10 +169,18 @@ impl Drive {
         self
     }
 
+    /// A drive with these modes alone (bits of 6502h).
+    #[must_use]
+    pub const fn with_modes(mut self, modes: u32) -> Self {
+        self.modes = modes & ALL_MODES;
+        self
+    }
+
     /// [`new`](Self::new) with other factory values.
     #[must_use]
     pub fn with_objects(mut self, objects: Objects) -> Self {
         self.objects = objects.clone();
+        self.apply_torque_limits();
         self.set_reset_objects(objects);
         self
     }
@@ -270,6 +285,43 @@ impl Drive {
         self.objects = self.stored_objects.clone().unwrap_or_else(Objects::factory);
         self.axis = MotionAxis::new(MOTION_QUIRKS, self.shaft.position());
         (self.fault, self.reported_fault) = (FaultCode::NONE, FaultCode::NONE);
+        self.probes.set_function(0);
+        self.records.clear();
+        self.apply_torque_limits();
+    }
+
+    fn apply_torque_limits(&mut self) {
+        let (backward, forward) = self.objects.torque_limits();
+        self.shaft.limit_torque(backward, forward);
+    }
+
+    /// Something outside closes the input of a touch probe, or opens it.
+    pub fn set_probe_input(&mut self, probe: usize, closed: bool) {
+        let position = self.coordinate(self.shaft.position());
+        self.probes.handle_input(probe, closed, position);
+    }
+
+    /// Takes a record of the interpolated position mode.
+    fn take_record(&mut self, record: i32) -> Result<(), AbortCode> {
+        if self.objects.value(stored::BUFFER_CLEAR) == 0 {
+            return Err(AbortCode::STATE);
+        }
+        let size = self.objects.value(stored::BUFFER_SIZE) as usize;
+        if size == 1 {
+            self.objects.set(stored::ACTIVE_RECORD, record);
+        } else if !self.records.push(record, size) {
+            return Err(AbortCode::RESOURCE);
+        }
+        self.objects.set(stored::RECORD, record);
+        self.starts += u64::from(self.axis.state().has_power());
+        Ok(())
+    }
+
+    #[cold]
+    fn handle_index_pulse(&mut self) {
+        if let Some(position) = self.shaft.index_pulse() {
+            self.probes.handle_index(self.coordinate(position));
+        }
     }
 
     #[inline]
@@ -291,6 +343,11 @@ impl Drive {
     }
 
     fn tick(&mut self) {
+        if self.axis.needs_record()
+            && let Some(record) = self.records.pop()
+        {
+            self.objects.set(stored::ACTIVE_RECORD, record);
+        }
         // Following a streamed setpoint is the common case of a busy bus and needs no mode switch per tick.
         let event = if self.axis.is_following() {
             self.with_axis(MotionAxis::tick_following)
@@ -302,6 +359,9 @@ impl Drive {
         }
         // After the axis, so that the setpoint of this millisecond acts in this millisecond.
         self.shaft.tick();
+        if self.probes.waits_for_index() {
+            self.handle_index_pulse();
+        }
         self.check_protections();
     }
 
@@ -341,8 +401,18 @@ impl Drive {
         if !self.is_allowed(tag, value.cast_signed()) {
             return Err(AbortCode::VALUE);
         }
+        if tag == stored::RECORD {
+            return self.take_record(value as i32);
+        }
         self.objects.set(tag, value as i32);
         match tag {
+            stored::MAX_TORQUE | stored::FORWARD_TORQUE | stored::BACKWARD_TORQUE => {
+                self.apply_torque_limits();
+            }
+            stored::TOUCH_PROBE => self.probes.set_function(value as u16),
+            stored::BUFFER_CLEAR if value == 0 => self.records.clear(),
+            // A smaller buffer cannot hold what waits.
+            stored::BUFFER_SIZE => self.records.clear(),
             stored::CONTROL => self.write_controlword(value as u16),
             // Only a new edge of the controlword takes it over.
             stored::TARGET_POSITION if self.axis.mode() == modes::PROFILE_POSITION => {}
@@ -418,7 +488,12 @@ impl Drive {
                 nearest(shaft.setpoint().velocity / self.objects.velocity_mode_unit())
             }
             computed::VL_VELOCITY => nearest(shaft.velocity() / self.objects.velocity_mode_unit()),
-            _ => 0,
+            computed::BUFFER_POSITION => self.records.len() as i64,
+            computed::TOUCH_PROBE_STATUS => self.probes.status().into(),
+            _ => {
+                let probe = usize::from(tag.saturating_sub(computed::TOUCH_PROBE_POSITIONS));
+                self.probes.positions().get(probe).copied().unwrap_or_default().into()
+            }
         }
     }
 
@@ -427,6 +502,8 @@ impl Drive {
         input_bit(0, lines.is_negative_closed(position))
             | input_bit(1, lines.is_positive_closed(position))
             | input_bit(2, lines.is_home_closed(position))
+            | input_bit(16, self.probes.is_closed(0))
+            | input_bit(17, self.probes.is_closed(1))
     }
 
     fn clock_value(&self) -> i64 {
@@ -553,6 +630,12 @@ impl Firmware for Drive {
 
     #[inline]
     fn handle_sync(&mut self, _now: Instant) {
+        // Records that wait are taken by the drive's own clock of 60C2h.
+        if self.axis.mode() == modes::INTERPOLATED_POSITION
+            && self.objects.value(stored::BUFFER_SIZE) > 1
+        {
+            return;
+        }
         self.with_axis(MotionAxis::handle_sync);
     }
 

@@ -10,9 +10,11 @@
 pub mod device;
 pub mod drive;
 pub mod faults;
+mod interpolation;
 pub mod objects;
 pub mod profile;
 mod surroundings;
+pub mod touch_probe;
 pub mod transfer_objects;
 
 mod protections;
@@ -23,6 +25,7 @@ mod tests;
 
 use crate::{DeviceOptions, Family};
 use polepair_core::profile::Profile;
+use polepair_core::proto::canopen::device::Quirks;
 
 /// The family.
 #[derive(Debug)]
@@ -50,12 +53,15 @@ impl Family for Cia402 {
                 u8::try_from(address).ok().filter(|n| (1..=127).contains(n)).ok_or("address")?
             }
         };
-        let mut serial = u32::from(node);
+        let (mut serial, mut modes) = (u32::from(node), None);
+        let mut quirks = Quirks::STRICT;
         for (key, value) in options.extra {
             match (*key, *value) {
                 ("serial", number) => serial = number.parse().map_err(|_| number)?,
                 // Without node-ID, to be given one by LSS.
                 ("node", "none") => node = 255,
+                ("modes", bits) => modes = Some(parse_modes(bits).ok_or(bits)?),
+                ("mapping", "pre-operational") => quirks.maps_pre_operational = true,
                 // A host of this protocol needs no address of its own.
                 ("host", _) => {}
                 ("node", value) => return Err(value),
@@ -65,6 +71,16 @@ impl Family for Cia402 {
         let drive = drive::Drive::new(node, serial, BIT_RATE);
         let is_inverter = profile.name == profile::CIA402_VL.name;
         let drive = if is_inverter { drive.with_velocity_mode_only() } else { drive };
-        Ok(device::Device::new(drive))
+        let drive = modes.into_iter().fold(drive, drive::Drive::with_modes);
+        Ok(device::Device::with_quirks(drive, quirks))
     }
+}
+
+/// Supported modes as 6502h has them, decimal or hexadecimal: at least one, and none that the drive lacks.
+fn parse_modes(text: &str) -> Option<u32> {
+    let modes = match text.strip_prefix("0x") {
+        Some(digits) => u32::from_str_radix(digits, 16),
+        None => text.parse(),
+    };
+    modes.ok().filter(|modes| *modes != 0 && modes & !objects::ALL_MODES == 0)
 }

@@ -11,6 +11,7 @@ use core::f64::consts::TAU;
 
 use groups::{ACCELERATIONS, IN_UNITS, NEEDED, SCALES, UNSIGNED, VELOCITIES, bits, is_in};
 
+use super::interpolation::RECORDS_MAX;
 use super::units;
 use polepair_core::plant::Limits;
 use polepair_core::profile::{ObjectKey, ScaleRuleValue};
@@ -32,71 +33,11 @@ pub const SCRATCH_MAX: usize = 1024;
 /// Bytes that the stream object takes and gives at most.
 pub const STREAM_MAX: u32 = 16 << 20;
 
-/// Tags of the values that are kept as written.
+pub mod computed;
 pub mod stored;
 
 /// Number of entries at the start of [`stored`] that are commands, not settings.
 const COMMAND_COUNT: usize = stored::TARGET_TORQUE as usize + 1;
-
-/// Tags of objects that are computed, not stored as written.
-pub mod computed {
-    /// The first of them.
-    pub const FIRST: u16 = 0x100;
-    /// Error code.
-    pub const ERROR_CODE: u16 = FIRST;
-    /// Statusword.
-    pub const STATUS: u16 = FIRST + 1;
-    /// Mode of operation in force.
-    pub const MODE: u16 = FIRST + 2;
-    /// Position demand.
-    pub const POSITION_DEMAND: u16 = FIRST + 3;
-    /// Position in increments.
-    pub const INCREMENTS: u16 = FIRST + 4;
-    /// Position.
-    pub const POSITION: u16 = FIRST + 5;
-    /// Speed by the sensor.
-    pub const SENSOR_VELOCITY: u16 = FIRST + 6;
-    /// Velocity demand.
-    pub const VELOCITY_DEMAND: u16 = FIRST + 7;
-    /// Velocity.
-    pub const VELOCITY: u16 = FIRST + 8;
-    /// Torque demand.
-    pub const TORQUE_DEMAND: u16 = FIRST + 9;
-    /// Rated current.
-    pub const RATED_CURRENT: u16 = FIRST + 10;
-    /// Rated torque.
-    pub const RATED_TORQUE: u16 = FIRST + 11;
-    /// Torque.
-    pub const TORQUE: u16 = FIRST + 12;
-    /// Current.
-    pub const CURRENT: u16 = FIRST + 13;
-    /// Voltage of the DC link.
-    pub const VOLTAGE: u16 = FIRST + 14;
-    /// Following error.
-    pub const FOLLOWING_ERROR: u16 = FIRST + 15;
-    /// Position demand in increments.
-    pub const DEMAND_INCREMENTS: u16 = FIRST + 16;
-    /// Digital inputs.
-    pub const INPUTS: u16 = FIRST + 17;
-    /// Temperature of the power stage.
-    pub const TEMPERATURE: u16 = FIRST + 18;
-    /// Time of day.
-    pub const CLOCK: u16 = FIRST + 19;
-    /// Bytes that are kept.
-    pub const SCRATCH: u16 = FIRST + 20;
-    /// Bytes that are counted.
-    pub const STREAM: u16 = FIRST + 21;
-    /// Number of these tags.
-    pub const STREAMED: u16 = FIRST + 22;
-    /// The check over them.
-    pub const STREAM_CHECK: u16 = FIRST + 23;
-    /// Supported modes.
-    pub const MODES: u16 = FIRST + 24;
-    /// Velocity mode: velocity demand, rpm.
-    pub const VL_DEMAND: u16 = FIRST + 25;
-    /// Velocity mode: velocity, rpm.
-    pub const VL_VELOCITY: u16 = FIRST + 26;
-}
 
 const RO: ObjectAccess = ObjectAccess::RO.mappable();
 const RW: ObjectAccess = ObjectAccess::RW.mappable();
@@ -118,7 +59,7 @@ const fn entry(
 const RPM: f64 = TAU / 60.0;
 
 /// Everything that is not the protocol's.
-const APPLICATION_ENTRIES: [ObjectEntry; 118] = {
+const APPLICATION_ENTRIES: [ObjectEntry; 137] = {
     use computed as r;
     use stored as k;
     let (u8, i8) = (ValueType::U8, ValueType::I8);
@@ -306,8 +247,27 @@ const APPLICATION_ENTRIES: [ObjectEntry; 118] = {
         entry(0x60A8, 0, u32, RW_UNMAPPED, k::SI_POSITION, "SI unit position"),
         entry(0x60A9, 0, u32, RW_UNMAPPED, k::SI_VELOCITY, "SI unit velocity"),
         entry(0x60AA, 0, u32, RW_UNMAPPED, k::SI_ACCELERATION, "SI unit acceleration"),
+        entry(0x60B0, 0, i32, RW, k::POSITION_OFFSET, "position offset"),
         entry(0x60B1, 0, i32, RW, k::VELOCITY_OFFSET, "velocity offset"),
         entry(0x60B2, 0, i16, RW, k::TORQUE_OFFSET, "torque offset"),
+        entry(0x60B8, 0, u16, RW, k::TOUCH_PROBE, "touch probe function"),
+        entry(0x60B9, 0, u16, RO, r::TOUCH_PROBE_STATUS, "touch probe status"),
+        entry(0x60BA, 0, i32, RO, r::TOUCH_PROBE_POSITIONS, "touch probe 1 positive edge"),
+        entry(0x60BB, 0, i32, RO, r::TOUCH_PROBE_POSITIONS + 1, "touch probe 1 negative edge"),
+        entry(0x60BC, 0, i32, RO, r::TOUCH_PROBE_POSITIONS + 2, "touch probe 2 positive edge"),
+        entry(0x60BD, 0, i32, RO, r::TOUCH_PROBE_POSITIONS + 3, "touch probe 2 negative edge"),
+        entry(0x60C0, 0, i16, RW_UNMAPPED, k::INTERPOLATION_TYPE, "interpolation sub mode select")
+            .with_limits(0, 0),
+        entry(
+            0x60C1,
+            0,
+            u8,
+            RO_UNMAPPED,
+            PROTOCOL_TAG,
+            "interpolation data record: highest sub-index",
+        )
+        .with_default(1),
+        entry(0x60C1, 1, i32, RW, k::RECORD, "set-point of the position"),
         entry(
             0x60C2,
             0,
@@ -323,6 +283,33 @@ const APPLICATION_ENTRIES: [ObjectEntry; 118] = {
         entry(0x60C2, 2, i8, RW_UNMAPPED, k::PERIOD_EXPONENT, "interpolation time index")
             .with_default(-3)
             .with_limits(-6, 0),
+        entry(
+            0x60C4,
+            0,
+            u8,
+            RO_UNMAPPED,
+            PROTOCOL_TAG,
+            "interpolation data configuration: highest sub-index",
+        )
+        .with_default(6),
+        entry(0x60C4, 1, u32, RO_UNMAPPED, PROTOCOL_TAG, "maximum buffer size")
+            .with_default(RECORDS_MAX as i64),
+        entry(0x60C4, 2, u32, RW_UNMAPPED, k::BUFFER_SIZE, "actual buffer size")
+            .with_default(1)
+            .with_limits(1, RECORDS_MAX as i64),
+        entry(0x60C4, 3, u8, RW_UNMAPPED, k::BUFFER_ORGANISATION, "buffer organisation")
+            .with_limits(0, 0),
+        entry(0x60C4, 4, u16, RO, r::BUFFER_POSITION, "buffer position"),
+        entry(0x60C4, 5, u8, RW_UNMAPPED, k::RECORD_SIZE, "size of data record")
+            .with_default(4)
+            .with_limits(4, 4),
+        entry(0x60C4, 6, u8, RW_UNMAPPED, k::BUFFER_CLEAR, "buffer clear")
+            .with_default(1)
+            .with_limits(0, 1),
+        entry(0x60E0, 0, u16, RW, k::FORWARD_TORQUE, "positive torque limit value")
+            .with_default(3000),
+        entry(0x60E1, 0, u16, RW, k::BACKWARD_TORQUE, "negative torque limit value")
+            .with_default(3000),
         entry(0x60F2, 0, u16, RW, k::POSITIONING, "positioning option code").with_limits(0, 2),
         entry(0x60F4, 0, i32, RO, r::FOLLOWING_ERROR, "following error actual value"),
         entry(0x60FC, 0, i32, RO, r::DEMAND_INCREMENTS, "position demand internal value"),
@@ -337,8 +324,8 @@ const APPLICATION_ENTRIES: [ObjectEntry; 118] = {
     ]
 };
 
-/// Bits of 6502h: PP, VL, PV, PT, HM, CSP, CSV, CST.
-pub(super) const ALL_MODES: u32 = 0x3AF;
+/// Bits of 6502h: PP, VL, PV, PT, HM, IP, CSP, CSV, CST.
+pub(super) const ALL_MODES: u32 = 0x3EF;
 /// Bit of 6502h of an inverter: VL.
 pub(super) const VELOCITY_MODE: u32 = 0x002;
 
@@ -513,6 +500,11 @@ impl Objects {
     pub fn settings(&self) -> Self {
         let mut settings = self.clone();
         settings.values[..COMMAND_COUNT].fill(0);
+        for command in
+            [stored::VL_TARGET, stored::RECORD, stored::ACTIVE_RECORD, stored::TOUCH_PROBE]
+        {
+            settings.values[usize::from(command)] = 0;
+        }
         settings
     }
 

@@ -25,7 +25,8 @@ impl SurroundingsControl for Drive {
         }
     }
 
-    /// Inputs: 1 negative limit, 2 positive limit, 3 home. Switch 3 is where the home switch opens
+    /// Inputs: 1 negative limit, 2 positive limit, 3 home, 4 and 5 touch probes.
+    /// Switch 3 is where the home switch opens
     /// again, going forward.
     fn act(&mut self, now: Instant, act: Act) -> bool {
         self.advance(now);
@@ -43,6 +44,7 @@ impl SurroundingsControl for Drive {
             Act::Input(number @ 1..=3, on) => {
                 self.lines_mut().force_line(usize::from(number) - 1, on);
             }
+            Act::Input(number @ 4..=5, on) => self.set_probe_input(usize::from(number) - 4, on),
             Act::Switch { which: which @ 0..=2, at } => {
                 let line = [2, 1, 0][usize::from(which)];
                 self.lines_mut().set_switch(line, (!at.is_nan()).then_some(at));

@@ -19,6 +19,7 @@ use polepair_core::time::Instant;
 mod cyclic;
 mod faults;
 mod homing;
+mod interpolation;
 mod modes;
 mod power;
 mod units;

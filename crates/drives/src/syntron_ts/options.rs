@@ -26,6 +26,7 @@ pub enum Variant {
 /// nothing that it does not name.
 const CAN_QUIRKS: can::Quirks = can::Quirks {
     lenient: true,
+    maps_pre_operational: false,
     echoes_writes: true,
     segmented_sdo: false,
     lss: false,

@@ -186,6 +186,8 @@ pub struct Quirks {
     /// SDO requests may be short, and their size need not be the object's; PDOs are mapped in any
     /// state without being switched off first; a PDO may be shorter than its mapping.
     pub lenient: bool,
+    /// Process data are mapped and switched in the state pre-operational alone.
+    pub maps_pre_operational: bool,
     /// The acknowledgement of a write repeats the data.
     pub echoes_writes: bool,
     /// True if it supports segmented and block transfer.
@@ -210,6 +212,7 @@ impl Quirks {
     /// Services as the standard has them.
     pub const STRICT: Self = Self {
         lenient: false,
+        maps_pre_operational: false,
         echoes_writes: false,
         segmented_sdo: true,
         lss: true,

@@ -40,7 +40,11 @@ const SWITCH_TPDO: u8 = 7;
 const WATCH_HEARTBEAT: u8 = 8;
 const UNWATCH_HEARTBEAT: u8 = 9;
 const RESTORE_CONNECTION_OPTION: u8 = 10;
-const CONTROLWORD: u16 = 0x6040;
+const CONTROLWORD: ObjectIndex = ObjectIndex::new(0x6040, 0);
+/// Controlword that ends a motion: quick stop.
+const STOP_WORD: u16 = 0x02;
+/// Set-point of the interpolated position mode.
+const INTERPOLATION_RECORD: ObjectIndex = ObjectIndex::new(0x60C1, 1);
 /// Reaction to a lost connection (CiA 402-2), among them quick stop.
 const CONNECTION_OPTION: ObjectIndex = ObjectIndex::new(0x6007, 0);
 const OPTION_QUICK_STOP: u16 = 3;
@@ -68,6 +72,8 @@ pub struct CanopenDriver {
 #[derive(Clone, Copy, Debug)]
 struct SetpointPdo {
     target: ParameterId,
+    /// Controlword that makes the drive follow: enable operation, in the interpolated position mode with bit 4.
+    follow_word: u16,
     number: u8,
     bytes: u8,
     target_field: BitField,
@@ -137,21 +143,28 @@ impl CanopenDriver {
         self.learn_pdo(object, bits);
     }
 
-    fn find_parameter(&self, index: u16) -> Option<ParameterId> {
+    fn find_parameter(&self, object: ObjectIndex) -> Option<ParameterId> {
         self.profile
             .parameters
             .iter()
-            .position(|p| (p.index, p.space) == (index, 0))
+            .position(|p| (p.index, p.space) == (object.index, object.sub))
             .map(|at| ParameterId(at as u16))
     }
 
     fn find_setpoint_pdo(&self, setpoint: SetpointKind) -> Option<SetpointPdo> {
-        let target = self.find_parameter(target_index(setpoint))?;
+        let targets = setpoint_objects(setpoint);
+        targets.iter().find_map(|target| self.find_pdo_with(*target))
+    }
+
+    fn find_pdo_with(&self, target: ObjectIndex) -> Option<SetpointPdo> {
+        let follow_word = if target == INTERPOLATION_RECORD { 0x1F } else { 0x0F };
+        let target = self.find_parameter(target)?;
         let control = self.find_parameter(CONTROLWORD)?;
         (1..).zip(&self.rpdos).filter(|(_, pdo)| pdo.enabled).find_map(|(number, pdo)| {
             let (field, control) = (pdo.field(target)?, pdo.field(control)?);
             Some(SetpointPdo {
                 target,
+                follow_word,
                 number,
                 bytes: pdo.bytes(),
                 target_field: field,
@@ -199,20 +212,15 @@ impl CanopenDriver {
 const SETPOINTS: [SetpointKind; 3] =
     [SetpointKind::Position, SetpointKind::Velocity, SetpointKind::Torque];
 
-/// The object that is commanded cycle by cycle (CiA 402-2).
-const fn target_index(setpoint: SetpointKind) -> u16 {
+/// The objects that may be commanded cycle by cycle, the usual one first (CiA 402-2).
+const fn setpoint_objects(setpoint: SetpointKind) -> &'static [ObjectIndex] {
+    const POSITIONS: [ObjectIndex; 2] = [ObjectIndex::new(0x607A, 0), INTERPOLATION_RECORD];
+    const VELOCITIES: [ObjectIndex; 1] = [ObjectIndex::new(0x60FF, 0)];
+    const TORQUES: [ObjectIndex; 1] = [ObjectIndex::new(0x6071, 0)];
     match setpoint {
-        SetpointKind::Position => 0x607A,
-        SetpointKind::Velocity => 0x60FF,
-        SetpointKind::Torque => 0x6071,
-    }
-}
-
-/// The controlword that goes with a set-point: enable operation, or quick stop.
-const fn controlword(command: cyclic::SetpointCommand) -> u64 {
-    match command {
-        cyclic::SetpointCommand::Follow => 0x0F,
-        cyclic::SetpointCommand::Stop => 0x02,
+        SetpointKind::Position => &POSITIONS,
+        SetpointKind::Velocity => &VELOCITIES,
+        SetpointKind::Torque => &TORQUES,
     }
 }
 
@@ -460,10 +468,14 @@ impl CyclicDriver for CanopenDriver {
         raw: i64,
         command: cyclic::SetpointCommand,
     ) -> Option<HostRequest> {
-        let SetpointPdo { number, bytes, target_field, controlword_field, .. } =
+        let SetpointPdo { number, bytes, target_field, controlword_field, follow_word, .. } =
             self.setpoint_pdos[setpoint as usize]?;
+        let controlword = match command {
+            cyclic::SetpointCommand::Follow => follow_word,
+            cyclic::SetpointCommand::Stop => STOP_WORD,
+        };
         let data = controlword_field
-            .insert(target_field.insert(0, raw.cast_unsigned()), controlword(command));
+            .insert(target_field.insert(0, raw.cast_unsigned()), controlword.into());
         Some(HostRequest::Process { cob: Cob::Rpdo(number, self.node), data, len: bytes })
     }
 

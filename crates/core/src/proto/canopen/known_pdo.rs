@@ -32,10 +32,15 @@ impl KnownPdo {
     /// Takes what sub-index `sub` of the mapping holds; 0 is how many count.
     /// Objects of the axis lie `offset` above those of the profile.
     pub fn learn(&mut self, sub: u8, raw: u32, profile: &'static Profile, offset: u16) {
+        let index = usize::from(sub).wrapping_sub(1);
+        // Reading back an entry changes nothing, so the layout stays known.
+        if self.entries.get(index).is_some_and(|known| *known == Some(MappingEntry::from(raw))) {
+            return;
+        }
         (self.fields, self.bytes) = ([None; REPORTS_MAX], 0);
         if sub == 0 {
             self.lay_out(raw as usize, profile, offset);
-        } else if let Some(entry) = self.entries.get_mut(usize::from(sub) - 1) {
+        } else if let Some(entry) = self.entries.get_mut(index) {
             *entry = Some(MappingEntry::from(raw));
         }
     }

@@ -34,8 +34,14 @@ pub(super) const UNSIGNED: u64 = bits(&[
     stored::FEED_TURNS,
 ]);
 /// Objects that keep a motor from turning, or a target from being reached, while they are 0.
-pub(super) const NEEDED: u64 =
-    UNSIGNED | bits(&[stored::MAX_TORQUE, stored::VELOCITY_WINDOW, stored::STANDSTILL]);
+pub(super) const NEEDED: u64 = UNSIGNED
+    | bits(&[
+        stored::MAX_TORQUE,
+        stored::FORWARD_TORQUE,
+        stored::BACKWARD_TORQUE,
+        stored::VELOCITY_WINDOW,
+        stored::STANDSTILL,
+    ]);
 /// Objects in user units of velocity.
 pub(super) const VELOCITIES: u64 = bits(&[
     stored::PROFILE_VELOCITY,

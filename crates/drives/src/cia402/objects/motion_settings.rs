@@ -1,7 +1,7 @@
 //! Settings of the motion from the objects, in SI units.
 
 use polepair_core::proto::canopen::device::motion::{
-    MotionLimits, MotionWindows, StopReactions, modes,
+    CyclicOffsets, MotionLimits, MotionWindows, StopReactions, modes,
 };
 
 use super::*;
@@ -39,8 +39,11 @@ impl MotionLimits for Objects {
         self.rad_value(stored::MAX_PROFILE_VELOCITY).min(motor)
     }
 
-    fn torque_max(&self) -> f64 {
-        self.real_value(stored::MAX_TORQUE) / 1000.0
+    fn torque_limits(&self) -> (f64, f64) {
+        let max = self.real_value(stored::MAX_TORQUE);
+        let [backward, forward] = [stored::BACKWARD_TORQUE, stored::FORWARD_TORQUE]
+            .map(|limit| self.real_value(limit).min(max) / 1000.0);
+        (backward, forward)
     }
 
     #[inline]
@@ -131,11 +134,17 @@ impl MotionSettings for Objects {
     }
 
     #[inline]
-    fn offsets(&self) -> (f64, f64) {
-        (
-            self.real_value(stored::VELOCITY_OFFSET) * self.rad_per_velocity,
-            self.real_value(stored::TORQUE_OFFSET) / 1000.0,
-        )
+    fn offsets(&self) -> CyclicOffsets {
+        CyclicOffsets {
+            position: self.real_value(stored::POSITION_OFFSET) * self.rad_per_position,
+            velocity: self.real_value(stored::VELOCITY_OFFSET) * self.rad_per_velocity,
+            torque: self.real_value(stored::TORQUE_OFFSET) / 1000.0,
+        }
+    }
+
+    #[inline]
+    fn interpolation_target(&self) -> f64 {
+        self.real_value(stored::ACTIVE_RECORD) * self.rad_per_position
     }
 
     #[inline]

@@ -124,23 +124,45 @@ pub const VELOCITY_FACTOR_DIVISOR: u16 = 59;
 pub const ACCELERATION_FACTOR: u16 = 60;
 /// Acceleration factor, divisor.
 pub const ACCELERATION_FACTOR_DIVISOR: u16 = 61;
+/// Greatest torque forward.
+pub const FORWARD_TORQUE: u16 = 62;
+/// Greatest torque backward.
+pub const BACKWARD_TORQUE: u16 = 63;
 /// Velocity mode: target velocity, rpm.
-pub const VL_TARGET: u16 = 62;
+pub const VL_TARGET: u16 = 64;
 /// Velocity mode: least speed, rpm.
-pub const VL_MIN: u16 = 63;
+pub const VL_MIN: u16 = 65;
 /// Velocity mode: greatest speed, rpm.
-pub const VL_MAX: u16 = 64;
+pub const VL_MAX: u16 = 66;
 /// Velocity mode: change of speed of the acceleration, rpm.
-pub const VL_ACCELERATION_SPEED: u16 = 65;
+pub const VL_ACCELERATION_SPEED: u16 = 67;
 /// Velocity mode: time of that change, s.
-pub const VL_ACCELERATION_TIME: u16 = 66;
+pub const VL_ACCELERATION_TIME: u16 = 68;
 /// Velocity mode: change of speed of the deceleration, rpm.
-pub const VL_DECELERATION_SPEED: u16 = 67;
+pub const VL_DECELERATION_SPEED: u16 = 69;
 /// Velocity mode: time of that change, s.
-pub const VL_DECELERATION_TIME: u16 = 68;
+pub const VL_DECELERATION_TIME: u16 = 70;
 /// Velocity mode: dimension factor, numerator.
-pub const VL_NUMERATOR: u16 = 69;
+pub const VL_NUMERATOR: u16 = 71;
 /// Velocity mode: dimension factor, divisor.
-pub const VL_DIVISOR: u16 = 70;
+pub const VL_DIVISOR: u16 = 72;
+/// Position offset.
+pub const POSITION_OFFSET: u16 = 73;
+/// Record of the interpolated position mode, as last written.
+pub const RECORD: u16 = 74;
+/// Record that is in force; no object shows it.
+pub const ACTIVE_RECORD: u16 = 75;
+/// Sub mode of the interpolation.
+pub const INTERPOLATION_TYPE: u16 = 76;
+/// Records that wait at most, with the one in force.
+pub const BUFFER_SIZE: u16 = 77;
+/// Organisation of these.
+pub const BUFFER_ORGANISATION: u16 = 78;
+/// Bytes of a record.
+pub const RECORD_SIZE: u16 = 79;
+/// Records are taken, or dropped and refused.
+pub const BUFFER_CLEAR: u16 = 80;
+/// Touch probe function.
+pub const TOUCH_PROBE: u16 = 81;
 /// Number of these objects.
-pub const COUNT: usize = 71;
+pub const COUNT: usize = 82;

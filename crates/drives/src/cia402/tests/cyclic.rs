@@ -47,13 +47,17 @@ impl MultiAxisFixture {
     }
 
     fn at(bit_rate: u32) -> Self {
+        Self::with_drives(bit_rate, |node| Drive::new(node, 1, 1_000_000))
+    }
+
+    fn with_drives(bit_rate: u32, drive: impl Fn(u8) -> Drive) -> Self {
         let host = CanHost::new(&HostOptions::new(bit_rate));
         let nodes = 1..=AXES as u8;
         let drivers =
             nodes.clone().map(|node| Box::new(CanopenDriver::new(&CIA402, node.into())) as _);
         let mut rig = Self {
             lane: Lane::new(host, drivers),
-            devices: nodes.map(|node| Device::new(Drive::new(node, 1, 1_000_000))).collect(),
+            devices: nodes.map(|node| Device::new(drive(node))).collect(),
             now: Instant(1_000_000_000),
             unplugged: None,
             frozen: false,
@@ -259,6 +263,28 @@ fn positions_are_followed_by_all_on_one_sync() {
             beat.iter().filter(|f| f.id & 0x780 == 0x200).map(|f| f.id & 0x7F).collect();
         assert_eq!(nodes, (1..=AXES as u32).collect::<Vec<_>>());
     }
+}
+
+#[test]
+fn drives_without_cyclic_position_follow_by_interpolated_position() {
+    let mut rig =
+        MultiAxisFixture::with_drives(0, |node| Drive::new(node, 1, 1_000_000).with_modes(0x6F));
+    rig.ready(Verb::FollowPosition);
+    rig.follow(SetpointKind::Position, SetpointBounds::default()).expect("follows");
+    let mut far: f64 = 0.0;
+    let outcome = rig.stream(1001, circle, |rig| {
+        far = far.max(rig.truth(3).position.abs());
+        true
+    });
+    assert_eq!(outcome, Some(Outcome::Done(1001)));
+    assert!(far > 1.0, "it went round: {far}");
+    let account = rig.lane.cycle_statistics(AxisIndex(0)).expect("an account").clone();
+    assert!(account.max_following_error < 0.026, "lag {}", account.max_following_error);
+    assert!((0..AXES).all(|n| rig.truth(n).position.abs() < 0.01));
+    // Each set-point has bit 4 with it, and none of them is the target of cyclic position.
+    let set_points = rig.sent.iter().filter(|frame| frame.id & 0x780 == 0x200);
+    assert!(set_points.clone().count() > 8_000);
+    assert!(set_points.clone().all(|frame| frame.data[4] == 0x1F), "enabled, interpolating");
 }
 
 #[test]

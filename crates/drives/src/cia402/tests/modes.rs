@@ -192,7 +192,7 @@ fn cyclic_velocity_and_torque_know_no_ramp() {
 #[test]
 fn a_mode_that_is_none_is_refused_and_a_change_brakes() {
     let mut fixture = DriveFixture::enabled(3);
-    for wrong in [-1, 5, 7, 11] {
+    for wrong in [-1, 5, 11] {
         assert_eq!(fixture.try_write(0x6060, 0, wrong), Err(AbortCode::VALUE));
     }
     fixture.write(0x60FF, 0, 50_000);

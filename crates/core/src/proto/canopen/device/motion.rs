@@ -31,6 +31,8 @@ pub mod modes {
     pub const PROFILE_TORQUE: i8 = 4;
     /// Homing.
     pub const HOMING: i8 = 6;
+    /// Interpolated position: records of the host, with the drive's own way between them.
+    pub const INTERPOLATED_POSITION: i8 = 7;
     /// Cyclic synchronous position.
     pub const CYCLIC_POSITION: i8 = 8;
     /// Cyclic synchronous velocity.
@@ -76,6 +78,17 @@ pub struct HomingSettings {
     pub offset: f64,
 }
 
+/// Offsets added to cyclic commands.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct CyclicOffsets {
+    /// 60B0h, rad.
+    pub position: f64,
+    /// 60B1h, rad/s.
+    pub velocity: f64,
+    /// 60B2h, share of the rated torque.
+    pub torque: f64,
+}
+
 /// Limits of speed, torque and position.
 pub trait MotionLimits {
     /// Speed and ramps of a profile (6081h, 6083h, 6084h; in the velocity mode 6046h, 6048h, 6049h).
@@ -90,9 +103,9 @@ pub trait MotionLimits {
     /// Speed at most (607Fh, 6080h), rad/s.
     fn velocity_max(&self) -> f64;
 
-    /// Torque at most (6072h), share of the rated torque.
-    fn torque_max(&self) -> f64 {
-        f64::INFINITY
+    /// Torque at most backward and forward (6072h, 60E1h, 60E0h), shares of the rated torque.
+    fn torque_limits(&self) -> (f64, f64) {
+        (f64::INFINITY, f64::INFINITY)
     }
 
     /// Least and greatest position (607Dh), rad.
@@ -161,9 +174,14 @@ pub trait MotionSettings: MotionLimits + MotionWindows + StopReactions {
     /// Homing settings.
     fn homing(&self) -> HomingSettings;
 
-    /// Offsets added to cyclic commands (60B1h rad/s, 60B2h share of the rated torque).
-    fn offsets(&self) -> (f64, f64) {
-        (0.0, 0.0)
+    /// Record of the interpolated position mode that is in force (60C1h), rad.
+    fn interpolation_target(&self) -> f64 {
+        self.target_position()
+    }
+
+    /// Offsets added to cyclic commands.
+    fn offsets(&self) -> CyclicOffsets {
+        CyclicOffsets::default()
     }
 
     /// Time from one set-point of a cyclic mode to the next (60C2h), ms.

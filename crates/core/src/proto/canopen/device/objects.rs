@@ -2,6 +2,7 @@
 
 use super::communication::CONSUMERS_MAX;
 use super::{CanEndpoint, Firmware, SettingsGroup};
+use crate::proto::canopen::nmt::NmtState;
 use crate::proto::canopen::od::{ObjectEntry, PROTOCOL_TAG};
 use crate::proto::canopen::pdo::{self, BITS_MAX, CobId};
 use crate::proto::canopen::sdo::AbortCode;
@@ -183,6 +184,9 @@ impl<const N: usize> CanEndpoint<N> {
         value: u64,
         firmware: &mut impl Firmware,
     ) -> Result<(), AbortCode> {
+        if self.quirks.maps_pre_operational && self.state != NmtState::PreOperational {
+            return Err(AbortCode::STATE);
+        }
         if index & 0x200 == 0 {
             self.check_communication(index, sub, value as u32)?;
         } else {

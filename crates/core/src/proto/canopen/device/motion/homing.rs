@@ -5,11 +5,9 @@
 //! One rule works from any position: after crossing the edge in the wrong direction, or fast, the drive
 //! reverses and continues slowly. A limit switch reverses it too.
 
-use core::f64::consts::TAU;
-
 use super::motion_axis::{MotionContext, signum};
 use super::{HomingSettings, MotionSettings};
-use crate::plant::{Limits, ServoShaft};
+use crate::plant::Limits;
 
 /// Ticks of torque that count as a stop \[I\].
 const TORQUE_TICKS: u16 = 50;
@@ -181,7 +179,7 @@ impl Homing {
             HomingPhase::Edge { was, slow } => return self.tick_edge(was, slow, scene),
             HomingPhase::Stop { ticks } => self.tick_stop(ticks, scene),
             HomingPhase::Index => {
-                if let Some(zero) = index_pulse(scene.shaft) {
+                if let Some(zero) = scene.shaft.index_pulse() {
                     self.come_to_rest(zero, scene);
                 } else if scene.is_blocked(self.direction) {
                     return Some(self.abort_search(scene));
@@ -302,14 +300,4 @@ fn is_searched_limit(signal: HomingSwitch, toward: f64) -> bool {
         (signal, toward > 0.0),
         (HomingSwitch::Negative, false) | (HomingSwitch::Positive, true)
     )
-}
-
-/// Position of the index pulse in this tick, if there was one: at whole turns.
-fn index_pulse(shaft: &ServoShaft) -> Option<f64> {
-    let (was, is) = (whole_turns(shaft.previous_position()), whole_turns(shaft.position()));
-    (was != is).then(|| was.max(is) * TAU)
-}
-
-fn whole_turns(position: f64) -> f64 {
-    libm::floor(position / TAU)
 }

@@ -152,6 +152,19 @@ impl<const N: usize> MotionAxis<N> {
         self.state
     }
 
+    /// Returns whether interpolated position runs and its last record is used up.
+    #[inline]
+    #[must_use]
+    pub const fn needs_record(&self) -> bool {
+        self.is_interpolating() && self.interpolator.is_over()
+    }
+
+    const fn is_interpolating(&self) -> bool {
+        let enabled = matches!(self.state, PowerState::Enabled) && self.leaving_for.is_none();
+        let active = self.controlword & (NEW_POINT | HALT) == NEW_POINT;
+        enabled && active && self.mode == modes::INTERPOLATED_POSITION
+    }
+
     /// The mode in force (6061h).
     #[must_use]
     pub const fn mode(&self) -> i8 {
@@ -285,7 +298,10 @@ impl<const N: usize> MotionAxis<N> {
     #[inline]
     pub fn handle_sync<T: MotionSettings>(&mut self, scene: &mut MotionContext<'_, T>) {
         if self.mode == modes::CYCLIC_POSITION && self.state == PowerState::Enabled {
-            self.aim_interpolator(scene);
+            let target = scene.settings.target_position() + scene.settings.offsets().position;
+            self.aim_interpolator(target, scene);
+        } else if self.is_interpolating() {
+            self.aim_interpolator(scene.settings.interpolation_target(), scene);
         }
     }
 
@@ -338,6 +354,7 @@ impl<const N: usize> MotionAxis<N> {
             modes::VELOCITY | modes::PROFILE_VELOCITY => self.tick_velocity(dirty, scene),
             modes::PROFILE_TORQUE => self.tick_torque(scene),
             modes::HOMING => self.tick_homing(scene),
+            modes::INTERPOLATED_POSITION => self.tick_interpolated(scene),
             modes::CYCLIC_POSITION => self.tick_cyclic_position(scene),
             modes::CYCLIC_VELOCITY => self.tick_cyclic_velocity(scene),
             modes::CYCLIC_TORQUE => self.tick_cyclic_torque(scene),
@@ -443,6 +460,14 @@ impl<const N: usize> MotionAxis<N> {
                 self.homed = false;
                 self.homing_failed = !self.homing.begin(scene);
             }
+            modes::INTERPOLATED_POSITION => {
+                if begins || falls & HALT != 0 {
+                    let at = scene.shaft.setpoint().position - self.origin;
+                    self.interpolator = Interpolator::at_rest(at);
+                } else if falls & NEW_POINT != 0 {
+                    self.brake(Braking::Ramp, scene);
+                }
+            }
             modes::HOMING if falls & NEW_POINT != 0 && !self.manner.homing_by_edge => {
                 self.interrupt_homing(scene);
             }
@@ -465,6 +490,7 @@ impl<const N: usize> MotionAxis<N> {
 
     /// Decelerates to rest in this way.
     fn brake<T: MotionSettings>(&self, how: Braking, scene: &mut MotionContext<'_, T>) {
+        scene.shaft.offset_torque(0.0);
         let profile = scene.settings.profile();
         let deceleration = match how {
             Braking::Coast | Braking::Ramp => profile.deceleration,

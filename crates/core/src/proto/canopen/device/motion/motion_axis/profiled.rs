@@ -204,8 +204,8 @@ impl<const N: usize> MotionAxis<N> {
         scene: &mut MotionContext<'_, T>,
     ) -> Option<MotionEvent> {
         let settings = scene.settings;
-        let max = settings.torque_max();
-        let target = settings.target_torque().clamp(-max, max);
+        let (backward, forward) = settings.torque_limits();
+        let target = settings.target_torque().max(-backward).min(forward);
         let slope = settings.torque_slope() * TICK_S;
         let step = if slope > 0.0 { slope } else { f64::INFINITY };
         self.torque += (target - self.torque).clamp(-step, step);
