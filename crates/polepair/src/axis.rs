@@ -50,6 +50,7 @@ pub use instructions::ProgramStatus;
 pub(crate) use instructions::is_refusal;
 pub use pending_writes::PendingWrites;
 pub use raw_text::RawRehearsal;
+pub use reports::RunningReports;
 pub use request::{PreparedCommand, RunningRequest};
 pub use start_together::{check_together, start_together};
 pub use stop::{

@@ -59,7 +59,7 @@ pub use axis::drive_log::{
     DriveLog, DriveLogCondition, DriveLogFacts, DriveLogPlan, DriveLogProgress, DriveLogRequest,
     DriveLogStage, LoggedVariable,
 };
-pub use axis::{CyclicAxes, LocalAxis, RunningRequest, start_together};
+pub use axis::{CyclicAxes, LocalAxis, RunningReports, RunningRequest, start_together};
 pub use bus::{BusLoadRange, frame_bits};
 pub use connect::{Connector, LocalLink, connect_local};
 pub use error::Error;

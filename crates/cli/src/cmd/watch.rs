@@ -41,7 +41,8 @@ target velocity, fault, enabled, moving, reached, mode; or any parameter by its 
 Examples:
   polepair watch tmcl+serial:///dev/ttyUSB0#1 position velocity
   polepair watch sim:tmcl velocity current --rate 50 --format csv --for 2s
-  polepair watch thruster+socketcan://can0#11 velocity current --reports=100ms")]
+  polepair watch thruster+socketcan://can0#11 velocity current --reports=100ms
+  polepair watch canopen+socketcan://can0#5 position torque statusword --pdo=10ms")]
 pub struct WatchCommand {
     #[command(flatten)]
     target: DriveArgs,
@@ -57,9 +58,9 @@ pub struct WatchCommand {
     /// Exit after this time
     #[arg(long = "for", value_name = "TIME", value_parser = value::parse_span)]
     seconds: Option<f64>,
-    /// Print what the drive sends by itself, without polling; with TIME, set it to send at this interval
-    /// (thruster family: SR; switched off at the end)
-    #[arg(long, value_name = "INTERVAL", num_args = 0..=1, require_equals = true,
+    /// Print what the drive sends by itself, without polling; with TIME, set it to send at this interval until the end
+    /// (thruster family: SR; CANopen: free TPDOs are mapped)
+    #[arg(long, visible_alias = "pdo", value_name = "INTERVAL", num_args = 0..=1, require_equals = true,
         value_parser = value::parse_span)]
     reports: Option<Option<f64>>,
 }

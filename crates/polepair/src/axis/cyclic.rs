@@ -326,7 +326,7 @@ impl Drop for CyclicAxes {
 }
 
 /// Returns whether the motor has power, as far as the drive reports it.
-fn is_enabled(axis: &LocalAxis) -> Result<bool, Error> {
+pub(super) fn is_enabled(axis: &LocalAxis) -> Result<bool, Error> {
     if axis.provides_signal(Signal::Enabled)? {
         Ok(axis.signals(&[Signal::Enabled])?.iter().any(|reading| reading.raw != 0))
     } else {
@@ -335,7 +335,7 @@ fn is_enabled(axis: &LocalAxis) -> Result<bool, Error> {
 }
 
 /// Adds a hint to the error of an enabled drive that refuses its preparation.
-fn with_mapping_hint(error: Error) -> Error {
+pub(super) fn with_mapping_hint(error: Error) -> Error {
     match error {
         Error::Failed { what, execution, outcome, received, may_turn, hint }
             if matches!(outcome.failure(), Some(Failure::Refused { .. })) =>

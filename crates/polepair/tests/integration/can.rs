@@ -4,7 +4,7 @@ use polepair::connect_local;
 use polepair::error::Exit;
 use polepair::scan::{ScanAddresses, scan};
 use polepair::simulate::{Simulation, SimulationPace, rack_of_text, rack_of_words};
-use polepair::{AnyTap, Connector, Error, Identification, LocalLink};
+use polepair::{AnyTap, Connector, Error, Identification, LocalAxis, LocalLink};
 use polepair_core::axis::{Command, Verb};
 use polepair_core::medium::{Can, Frame, MediumKind, Stream};
 use polepair_core::profile::Signal;
@@ -225,10 +225,12 @@ fn reports_bring_signals_without_a_query() {
     let watcher = Watcher::default();
     let link = tapped("sim:thruster:11?time=virtual", watcher.clone()).unwrap();
     let axis = link.axis(11).unwrap();
-    let (signals, interval) = ([Signal::Velocity, Signal::Voltage], Duration::from_millis(100));
+    let interval = Duration::from_millis(100);
+    let source = |axis: &LocalAxis, signal| axis.profile().signal(signal).unwrap().parameter;
+    let values = [Signal::Velocity, Signal::Voltage].map(|signal| source(&axis, signal));
     let armed = axis.armed().unwrap();
     armed.velocity("600 rpm").unwrap();
-    axis.set_reports(&signals, interval).unwrap();
+    let reports = axis.start_reports(&values, interval).unwrap();
     let events = axis.events().unwrap();
     let end = axis.connection().now().plus_ms(4_000);
     let before = watcher.0.lock().unwrap().frames.len();
@@ -245,15 +247,96 @@ fn reports_bring_signals_without_a_query() {
         let age = axis.connection().now().since(reading.at.expect("a report"));
         assert!(age <= interval && (reading.value - expected).abs() < 2.0, "{reading:?} {age:?}");
     }
-    axis.set_reports(&[], Duration::ZERO).unwrap();
+    reports.end().unwrap();
     while events.poll().is_some() {}
     assert_eq!(events.next(Duration::from_secs(2)), None);
 
-    let refused = axis.set_reports(&[Signal::Torque], interval).unwrap_err();
-    assert!(refused.code() == "E213" && refused.to_string().contains("torque"), "{refused}");
-    let refused = axis.set_reports(&signals, Duration::from_secs(66)).unwrap_err();
+    let autosend = axis.find("autosend").unwrap();
+    let refused = axis.start_reports(&[autosend], interval).map(drop).unwrap_err();
+    assert!(refused.code() == "E213" && refused.to_string().contains("autosend"), "{refused}");
+    let refused = axis.start_reports(&values, Duration::from_secs(66)).map(drop).unwrap_err();
     assert_eq!(refused.code(), "E216", "{refused}");
     let others = connect_local("sim:tmcl?time=virtual").unwrap();
-    let refused = others.axes()[0].set_reports(&[Signal::Velocity], interval).unwrap_err();
+    let other = &others.axes()[0];
+    let refused =
+        other.start_reports(&[source(other, Signal::Velocity)], interval).map(drop).unwrap_err();
     assert_eq!(refused.code(), "E213", "{refused}");
+}
+
+/// Values of a mapped node come without a query, and its process data are then as they were.
+fn check_mapped_reports(url: &str, power: bool) {
+    let watcher = Watcher::default();
+    let link = tapped(url, watcher.clone()).unwrap();
+    let axis = link.axis(5).unwrap();
+    let before = process_data(&axis);
+    let interval = Duration::from_millis(20);
+    let values = ["position actual", "velocity actual", "torque actual", "statusword"];
+    let values = values.map(|name| axis.find(name).unwrap());
+    axis.arm(true);
+    if power {
+        axis.enable().unwrap();
+    }
+    let reports = axis.start_reports(&values, interval).unwrap();
+    if !power {
+        axis.enable().unwrap();
+    }
+    let events = axis.events().unwrap();
+    axis.velocity("120 rpm").unwrap();
+    let (from, end) =
+        (watcher.0.lock().unwrap().frames.len(), axis.connection().now().plus_ms(1_000));
+    while events.next(interval * 5).is_some_and(|event| event.at < end) {}
+    let frames = watcher.0.lock().unwrap().frames[from..].to_vec();
+    assert!(frames.iter().all(|(direction, _)| *direction == TapDirection::ToHost), "{url}");
+    // Twelve bytes are two objects, each every 20 ms.
+    assert!((80..=130).contains(&frames.iter().filter(|(_, f)| f.id > 0x300).count()), "{url}");
+    let reading = axis.state().reading(Signal::Velocity);
+    assert!((reading.value - 4.0 * std::f64::consts::PI).abs() < 0.5, "{reading:?}");
+    assert!(axis.connection().now().since(reading.at.unwrap()) <= interval * 5);
+    axis.disable().unwrap();
+    reports.end().unwrap();
+    assert_eq!(process_data(&axis), before, "{url}");
+}
+
+/// Identifiers, types, times and mappings of what a node sends.
+fn process_data(axis: &LocalAxis) -> Vec<i64> {
+    let objects = (0x1800..0x1804).flat_map(|index| [1, 2, 3, 5].map(|sub| (index, sub)));
+    let mappings = (0x1A00..0x1A04).flat_map(|index| [0, 1, 2].map(|sub| (index, sub)));
+    let read = |(index, sub)| axis.get_raw(&format!("0x{index:04X}:{sub}")).unwrap();
+    objects.chain(mappings).map(read).collect()
+}
+
+#[test]
+fn reports_of_a_canopen_node_are_mapped_and_restored() {
+    check_mapped_reports("sim:cia402:5?time=virtual", false);
+    check_mapped_reports("sim:cia402:5?time=virtual", true);
+    check_mapped_reports("sim:cia402:5?time=virtual&mapping=pre-operational", false);
+}
+
+#[test]
+fn reports_that_do_not_fit_change_nothing() {
+    let link = connect_local("sim:cia402:5?time=virtual").unwrap();
+    let axis = &link.axes()[0];
+    let before = process_data(axis);
+    let position = axis.find("position actual").unwrap();
+    let many = vec![position; 7];
+    let refused = axis.start_reports(&many, Duration::from_millis(10)).map(drop).unwrap_err();
+    assert_eq!(refused.code(), "E217", "{refused}");
+    assert_eq!(process_data(axis), before);
+    // An object that cannot be mapped is refused by the node, and what was changed is restored.
+    let store = axis.find("store").unwrap();
+    let refused =
+        axis.start_reports(&[position, store], Duration::from_millis(10)).map(drop).unwrap_err();
+    assert_eq!(refused.code(), "E601", "{refused}");
+    assert_eq!(process_data(axis), before);
+    // An enabled drive that maps when pre-operational alone keeps its power.
+    let link = connect_local("sim:cia402:5?time=virtual&mapping=pre-operational").unwrap();
+    let axis = &link.axes()[0];
+    axis.raw("nmt start").unwrap();
+    let _armed = axis.armed().unwrap();
+    let refused = axis.start_reports(&[position], Duration::from_millis(10)).map(drop).unwrap_err();
+    assert!(
+        refused.code() == "E601" && format!("{refused:?}").contains("disable the axis first"),
+        "{refused}"
+    );
+    assert!(axis.state().reading(Signal::Enabled).raw != 0);
 }
