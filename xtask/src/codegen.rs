@@ -73,6 +73,7 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
         let core = if in_core { "crate" } else { "polepair_core" };
         files.insert(path, format_source(&rust_source(&profiles, core))?);
     }
+    files.insert(root.join("crates/drives/src/plan_texts.rs"), plan_texts(root)?);
     for (name, text) in crate::catalogue_pages::pages() {
         files.insert(root.join("docs/drives").join(name), text);
     }
@@ -83,6 +84,42 @@ fn generated_files(root: &Path) -> CodegenResult<BTreeMap<PathBuf, String>> {
     files.extend(crate::c_header::file(root)?);
     files.insert(root.join("docs/protocols/tml-language.md"), crate::language::language_page());
     Ok(files)
+}
+
+/// The fragments and plans of the profiles that have fragments, as text.
+fn plan_texts(root: &Path) -> CodegenResult<String> {
+    let mut text = "//! Generated from profiles/*.toml by `cargo xtask codegen`; do not edit.\n\n\
+         /// Fragments and plans by the profile's name.\n\
+         pub static PLAN_TEXTS: &[(&str, &str)] = &["
+        .to_owned();
+    for file in profile_files(&root.join("profiles"))? {
+        let source = std::fs::read_to_string(&file)
+            .map_err(|error| format!("{}: {error}", file.display()))?;
+        let plans = plan_sections(&source);
+        if !plans.contains("[fragments]") {
+            continue;
+        }
+        let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let _ = write!(text, "({name:?}, r##\"{plans}\"##),");
+    }
+    text += "];\n";
+    format_source(&text)
+}
+
+/// The sections of fragments and plans in a profile's file, without comments.
+fn plan_sections(source: &str) -> String {
+    let mut is_plan = false;
+    let mut sections = String::new();
+    for line in source.lines() {
+        if line.starts_with('[') {
+            is_plan = line == "[fragments]" || line.starts_with("[plans.");
+        }
+        if is_plan && !line.is_empty() && !line.starts_with('#') {
+            sections.push_str(line.trim());
+            sections.push('\n');
+        }
+    }
+    sections
 }
 
 fn profile_files(folder: &Path) -> CodegenResult<Vec<PathBuf>> {

@@ -10,6 +10,7 @@
 
 pub mod bldc;
 pub mod cia402;
+mod plan_texts;
 pub mod stored_paths;
 pub mod surroundings;
 pub mod syntron_ts;
@@ -26,6 +27,12 @@ use polepair_core::medium::{Can, Stream};
 use polepair_core::profile::{Profile, ScaleRule};
 use polepair_core::proto;
 use polepair_core::station::{Station, Timed};
+
+/// The fragments and plans of a profile as its file has them, where other profiles may change the fragments.
+#[must_use]
+pub fn plan_text(profile: &str) -> Option<&'static str> {
+    plan_texts::PLAN_TEXTS.iter().find(|(name, _)| *name == profile).map(|(_, text)| *text)
+}
 
 /// Settings of a simulated drive, as a rack file or a command line gives them.
 #[derive(Clone, Copy, Debug, PartialEq)]

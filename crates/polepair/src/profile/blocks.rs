@@ -15,7 +15,7 @@ use crate::spelling;
 use crate::toml_file::{FileError, Located, TomlTable};
 
 /// A list of steps by its name.
-pub(super) type Fragment = (String, Vec<Located<String>>);
+pub(crate) type Fragment = (String, Vec<Located<String>>);
 
 /// Fragments that use fragments, at most so deep.
 const DEPTH_MAX: usize = 8;
@@ -33,27 +33,18 @@ pub(super) fn read_fragments(
         .collect()
 }
 
-/// Refuses a fragment that no step of the file uses: it would change nothing.
-pub(super) fn check_used(
+/// Refuses a fragment of the file that no step uses: it would change nothing.
+pub(super) fn check_used<'a>(
     fragments: &[Fragment],
-    steps: &[Located<String>],
+    steps: impl Iterator<Item = &'a Located<String>>,
     node: &TomlTable<'_, '_>,
 ) -> Result<(), FileError> {
-    let inner = fragments.iter().flat_map(|(_, steps)| steps);
-    let used: Vec<&str> = steps
-        .iter()
-        .chain(inner)
-        .filter_map(|step| step.value.trim().strip_prefix("use "))
-        .collect();
+    let used: Vec<&str> = steps.filter_map(|step| step.value.trim().strip_prefix("use ")).collect();
     let unused = fragments.iter().find(|(name, _)| !used.iter().any(|used| used.trim() == name));
     let Some((name, steps)) = unused else { return Ok(()) };
     let location = steps.first().map_or_else(|| node.location(), |step| step.location.clone());
-    let inherited = if node.has("extends") {
-        "; the plans of the profile that it extends have theirs already, so give those plans anew too"
-    } else {
-        ""
-    };
-    Err(location.error(format!("no plan of this file uses the fragment `{name}`{inherited}")))
+    let inherited = if node.has("extends") { ", or of the profile that it extends," } else { "" };
+    Err(location.error(format!("no plan of this file{inherited} uses the fragment `{name}`")))
 }
 
 /// Reads the steps of a plan.

@@ -3,6 +3,8 @@
 //! This makes `extends` simple: a base profile becomes a draft, the file's entries replace those with the
 //! same name, and everything is checked once at the end.
 
+use super::blocks::Fragment;
+use super::plan_text::WrittenPlan;
 use super::{bits, digits};
 use crate::toml_file::{FileLocation, Located};
 use polepair_core::axis::Verb;
@@ -45,6 +47,9 @@ pub(crate) struct Draft {
     pub(crate) faults: Vec<DraftFault>,
     pub(crate) signals: Vec<DraftSignal>,
     pub(crate) plans: Vec<DraftPlan>,
+    /// The plans as they were written, for a profile that changes their fragments.
+    pub(crate) plan_texts: Vec<WrittenPlan>,
+    pub(crate) fragments: Vec<Fragment>,
     pub(crate) motion: DraftMotion,
 }
 
@@ -313,6 +318,8 @@ impl Draft {
             faults: profile.faults.iter().map(|f| names.fault(f)).collect(),
             signals: profile.signals.iter().map(|s| names.signal(s)).collect(),
             plans: profile.plans.iter().map(|p| names.plan(p)).collect(),
+            plan_texts: Vec::new(),
+            fragments: Vec::new(),
             motion: DraftMotion {
                 window: profile.motion.window.map(|id| names.name_of(id)),
                 relative_from: profile.motion.relative_from,

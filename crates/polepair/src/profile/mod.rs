@@ -31,6 +31,7 @@ pub(crate) mod draft;
 mod memory_map;
 mod missing_parameters;
 mod motors;
+mod plan_text;
 mod read;
 mod resolve;
 mod scale;
@@ -177,7 +178,9 @@ impl BaseProfiles {
         }
         let known = polepair_drives::profiles();
         if let Some(profile) = known.iter().find(|profile| profile.name == name.value) {
-            return Ok(Draft::from_profile(profile));
+            let mut draft = Draft::from_profile(profile);
+            plan_text::add_plan_texts(&mut draft, self.motor)?;
+            return Ok(draft);
         }
         if let Some(module) = find_listed(&name.value) {
             return self.read_draft(&format!("{}.toml", module.name), module.text(), depth);

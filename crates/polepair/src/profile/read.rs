@@ -2,16 +2,15 @@
 
 use super::digits::read_values;
 use super::draft::{
-    Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftPlan, DraftRam,
-    DraftWatchdog, ENTRIES_MAX,
+    Draft, DraftFault, DraftIdentity, DraftMotion, DraftParameter, DraftRam, DraftWatchdog,
+    ENTRIES_MAX,
 };
 use super::motors::MotorChoice;
 use super::scale::{ScaleParts, read_scale};
 use super::watchdog::read_watchdog;
-use super::{bits, blocks, digits, memory_map, signals};
+use super::{bits, digits, memory_map, plan_text, signals};
 use crate::toml_file::{FileError, Located, SourceText, TomlTable};
 use crate::{registry, spelling};
-use polepair_core::axis::Verb;
 use polepair_core::convert::saturating;
 use polepair_core::profile::{Access, AxisKind, Certainty, Encoding, Persistence, Severity};
 use polepair_core::units::Unit;
@@ -196,7 +195,7 @@ pub(crate) fn read_draft(
         file.read_faults(&mut draft, &node)?;
         signals::read_signals(&mut draft, &node)?;
         signals::read_motion(&mut draft, &node)?;
-        read_plans(&mut draft, &node, motor)?;
+        plan_text::read_plans(&mut draft, &node, motor)?;
         Ok(draft)
     })
 }
@@ -227,6 +226,8 @@ fn new_draft(node: &TomlTable<'_, '_>) -> Result<Draft, FileError> {
         faults: Vec::new(),
         signals: Vec::new(),
         plans: Vec::new(),
+        plan_texts: Vec::new(),
+        fragments: Vec::new(),
         motion: DraftMotion::new(),
     })
 }
@@ -597,7 +598,7 @@ fn check_name(name: String) -> Result<String, String> {
     Ok(name)
 }
 
-fn optional_text(table: &TomlTable<'_, '_>, key: &str) -> Result<String, FileError> {
+pub(super) fn optional_text(table: &TomlTable<'_, '_>, key: &str) -> Result<String, FileError> {
     Ok(table.text(key)?.map(|found| found.value).unwrap_or_default())
 }
 
@@ -627,39 +628,4 @@ fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {
         remedy: optional_text(table, "remedy")?,
         severity: optional_choice(table, "severity", &SEVERITIES)?.unwrap_or(Severity::Fault),
     })
-}
-
-fn read_plans(
-    draft: &mut Draft,
-    node: &TomlTable<'_, '_>,
-    motor: MotorChoice,
-) -> Result<(), FileError> {
-    let names = Verb::ALL.map(Verb::name);
-    let fragments = blocks::read_fragments(node, motor)?;
-    let Some(table) = node.table("plans", &names)? else {
-        return blocks::check_used(&fragments, &[], node);
-    };
-    let mut texts = Vec::new();
-    for verb in Verb::ALL.into_iter().filter(|verb| table.has(verb.name())) {
-        let keys = ["source", "steps", "undo"];
-        let Some(node) = table.table(verb.name(), &keys)? else { continue };
-        let steps = motor.choose_all(node.texts("steps")?)?;
-        if steps.is_empty() {
-            return Err(node.location().error("a plan needs `steps`"));
-        }
-        let undo = motor.choose_all(node.texts("undo")?)?;
-        let plan = DraftPlan {
-            location: node.location(),
-            verb,
-            source: optional_text(&node, "source")?,
-            steps: blocks::read_steps(&steps, &fragments)?,
-            undo: blocks::read_steps(&undo, &fragments)?,
-        };
-        texts.extend(steps.into_iter().chain(undo));
-        match draft.plans.iter_mut().find(|p| p.verb == verb) {
-            Some(old) => *old = plan,
-            None => draft.plans.push(plan),
-        }
-    }
-    blocks::check_used(&fragments, &texts, node)
 }

@@ -488,8 +488,8 @@ fn useless_keys_are_refused_with_their_place() {
     for (text, reason) in [
         (
             "name = \"own\"\nextends = \"cia402\"\nprotocol = \"canopen\"\n[fragments]\n\
-             power-up = [\"write controlword = 15\"]\n",
-            "5:13: no plan of this file uses the fragment `power-up`; the plans of the profile",
+             powerup = [\"write controlword = 15\"]\n",
+            "5:12: no plan of this file, or of the profile that it extends, uses the fragment",
         ),
         (
             "name = \"two\"\nprotocol = \"modbus\"\nmotors = 2\n",
