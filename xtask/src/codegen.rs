@@ -353,6 +353,7 @@ impl Emitter {
             self.text,
             "/// {title}.\n#[rustfmt::skip]\npub static {constant}: Profile = Profile {{ name: {:?}, family: {:?}, \
              protocol: {:?}, title: {:?}, source: {:?}, axis: AxisKind::{:?}, motors: {}, further_motors: &[], \
+             lists_motors: false, \
              parameters: {parameters}, faults: {faults}, signals: {signals}, plans: {plans}, \
              motion: {motion}, identity: {identity}, ram: {ram}, link_settings: &[{link_settings}], \
              optional: &[{optional}], \

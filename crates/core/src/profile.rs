@@ -40,6 +40,8 @@ pub struct Profile {
     pub motors: u8,
     /// The profiles of the motors behind the first, where each has registers of its own.
     pub further_motors: &'static [&'static Self],
+    /// Each motor of an address has places of its own, listed in the profile's file.
+    pub lists_motors: bool,
     /// Named settings and readings. A [`ParameterId`] is an index into this table.
     pub parameters: &'static [Parameter],
     /// Faults and warnings in words.

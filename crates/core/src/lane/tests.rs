@@ -81,6 +81,7 @@ static PROFILE: Profile = Profile {
     axis: AxisKind::Rotary,
     motors: 0,
     further_motors: &[],
+    lists_motors: false,
     parameters: PARAMETERS,
     faults: &[],
     signals: &[SignalSource {

@@ -34,6 +34,8 @@ pub(crate) struct Draft {
     pub(crate) motors: u8,
     /// The profiles of the motors behind the first one, where they are not at its places.
     pub(crate) further_motors: Vec<&'static Profile>,
+    /// Each motor has places of its own.
+    pub(crate) lists_motors: bool,
     pub(crate) reply_timeout_ms: u32,
     pub(crate) multiple_writes: bool,
     pub(crate) line: Option<SerialLine>,
@@ -284,6 +286,7 @@ impl Draft {
             axis: profile.axis,
             motors: profile.motors,
             further_motors: Vec::new(),
+            lists_motors: false,
             reply_timeout_ms: profile.reply_timeout_ms,
             multiple_writes: profile.multiple_writes,
             line: profile.line,

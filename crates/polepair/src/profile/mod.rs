@@ -112,16 +112,22 @@ fn read_profile(
 ) -> Result<&'static Profile, FileError> {
     let mut bases = BaseProfiles { folder, motor: 0 };
     let mut draft = bases.read_draft(file, text, 0)?;
+    let is_of_objects = draft.protocol == read::OBJECT_PROTOCOL;
     // Elsewhere the motor is a field of each request.
-    if draft.protocol == REGISTER_PROTOCOL {
+    if is_of_objects || draft.protocol == REGISTER_PROTOCOL {
         let first = format!("{draft:?}");
         for motor in 1..usize::from(draft.motors) {
             bases.motor = motor;
-            let further = bases.read_draft(file, text, 0)?;
+            let mut further = bases.read_draft(file, text, 0)?;
             if format!("{further:?}") == first {
+                // The axes of a node may lie at the distance that the standard gives.
+                if is_of_objects {
+                    break;
+                }
                 let reason = "`motors` needs a list: `index = [0x2088, 0x2089]` is one for each";
                 return Err(draft.location.error(reason));
             }
+            (draft.lists_motors, further.lists_motors) = (true, true);
             draft.further_motors.push(intern_profile(&further)?);
         }
     }

@@ -110,7 +110,7 @@ const DIALECTS: [Dialect; 5] = [
 ];
 
 /// The protocol whose parameters are objects, whose space is a sub-index; `sub` gives it.
-const OBJECT_PROTOCOL: &str = "canopen";
+pub(super) const OBJECT_PROTOCOL: &str = "canopen";
 
 /// The protocol whose parameters are a drive's memory: several names may share an address, and a
 /// map of the memory gives them all.
@@ -193,7 +193,7 @@ pub(crate) fn read_draft(
         remove_parameters(&mut draft, &node.texts("remove")?)?;
         file.read_parameters(&mut draft, &node)?;
         file.read_faults(&mut draft, &node)?;
-        signals::read_signals(&mut draft, &node)?;
+        signals::read_signals(&mut draft, &node, motor)?;
         signals::read_motion(&mut draft, &node)?;
         plan_text::read_plans(&mut draft, &node, motor)?;
         Ok(draft)
@@ -214,6 +214,7 @@ fn new_draft(node: &TomlTable<'_, '_>) -> Result<Draft, FileError> {
         motors: 0,
         reply_timeout_ms: 100,
         further_motors: Vec::new(),
+        lists_motors: false,
         multiple_writes: false,
         line: None,
         caution: String::new(),
@@ -518,7 +519,7 @@ impl ProfileReader {
 
     fn read_space(&self, table: &TomlTable<'_, '_>) -> Result<u8, FileError> {
         let spaces = self.dialect.spaces;
-        let sub = table.integer("sub")?;
+        let sub = self.motor.read_integer(table, "sub")?;
         if let Some(sub) = sub.filter(|_| self.dialect.protocol == OBJECT_PROTOCOL) {
             return sub.try_map(|n| {
                 u8::try_from(n).map_err(|_| format!("`sub` is {n}; it must be 0 to 255"))
@@ -531,7 +532,7 @@ impl ProfileReader {
         // Only inherited faults are replaced: two of one code in the same file are an error.
         let inherited = draft.faults.len();
         for table in node.tables("fault", &FAULT_KEYS)? {
-            let fault = read_fault(&table)?;
+            let fault = read_fault(&table, self.motor)?;
             match draft.faults[..inherited]
                 .iter()
                 .position(|f| f.code == fault.code || f.name == fault.name)
@@ -615,9 +616,12 @@ fn read_unit(table: &TomlTable<'_, '_>) -> Result<Unit, FileError> {
     found.try_map(|word| parse_choice(&word, &Unit::ALL.map(|unit| (unit.symbol(), unit))))
 }
 
-fn read_fault(table: &TomlTable<'_, '_>) -> Result<DraftFault, FileError> {
-    let code = table
-        .required_integer("code")?
+fn read_fault(table: &TomlTable<'_, '_>, motor: MotorChoice) -> Result<DraftFault, FileError> {
+    let code = match motor.read_integer(table, "code")? {
+        Some(code) => code,
+        None => table.required_integer("code")?,
+    };
+    let code = code
         .try_map(|n| u32::try_from(n).map_err(|_| format!("`code` is {n}; it must fit 32 bits")))?;
     Ok(DraftFault {
         location: table.location(),

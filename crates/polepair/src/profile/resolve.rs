@@ -45,6 +45,7 @@ pub(crate) fn resolve_profile(draft: &Draft) -> Result<&'static Profile, FileErr
         axis: draft.axis,
         motors: draft.motors,
         further_motors: draft.further_motors.clone().leak(),
+        lists_motors: draft.lists_motors,
         parameters: parameters.collect::<Result<Vec<_>, _>>()?.leak(),
         faults: draft.faults.iter().map(resolve_fault).collect::<Vec<_>>().leak(),
         signals: signals.leak(),

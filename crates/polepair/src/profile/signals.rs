@@ -2,12 +2,17 @@
 
 use super::digits::read_values;
 use super::draft::{Draft, DraftCoupling, DraftSignal};
+use super::motors::MotorChoice;
 use super::read::optional_choice;
 use super::step;
 use crate::toml_file::{FileError, TomlTable};
 use polepair_core::profile::{RelativeBase, Signal};
 
-pub(super) fn read_signals(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Result<(), FileError> {
+pub(super) fn read_signals(
+    draft: &mut Draft,
+    node: &TomlTable<'_, '_>,
+    motor: MotorChoice,
+) -> Result<(), FileError> {
     // A bare TOML key holds no space: `target-velocity` is as good as `"target velocity"`.
     let bare = Signal::ALL.map(|signal| signal.name().replace(' ', "-"));
     let mut names: Vec<&str> =
@@ -35,7 +40,7 @@ pub(super) fn read_signals(draft: &mut Draft, node: &TomlTable<'_, '_>) -> Resul
         if !table.has(key) {
             continue;
         }
-        let source = read_signal_source(&table, key, signal)?;
+        let source = read_signal_source(&table, key, signal, motor)?;
         set_signal(draft, source);
     }
     Ok(())
@@ -97,6 +102,7 @@ fn read_signal_source(
     table: &TomlTable<'_, '_>,
     key: &str,
     signal: Signal,
+    motor: MotorChoice,
 ) -> Result<DraftSignal, FileError> {
     if !table.is_table(key) {
         let parameter = table.required_text(key)?;
@@ -107,8 +113,8 @@ fn read_signal_source(
     Ok(DraftSignal {
         signal,
         parameter: node.required_text("parameter")?,
-        mask: node.integer("mask")?.map_or(-1, |found| found.value),
-        equals: node.integer("equals")?.map(|found| found.value),
+        mask: motor.read_integer(&node, "mask")?.map_or(-1, |found| found.value),
+        equals: motor.read_integer(&node, "equals")?.map(|found| found.value),
         values: read_values(&node)?,
     })
 }

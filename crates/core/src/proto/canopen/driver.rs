@@ -57,6 +57,8 @@ pub struct CanopenDriver {
     node: u8,
     /// Axis of the node; 0 is the first.
     sub_axis: u8,
+    /// Offset of the axis' objects from those of the profile.
+    offset: u16,
     /// Mappings of the node's process data, as far as they were read or written.
     rpdos: [KnownPdo; 4],
     tpdos: [KnownPdo; 4],
@@ -85,10 +87,12 @@ impl CanopenDriver {
     #[must_use]
     pub const fn new(profile: &'static Profile, address: u32) -> Self {
         let (rpdos, tpdos) = ([KnownPdo::UNKNOWN; 4], [KnownPdo::UNKNOWN; 4]);
+        let offset = if profile.lists_motors { 0 } else { axis_offset(sub_axis(address)) };
         Self {
             profile,
             node: address as u8,
             sub_axis: sub_axis(address),
+            offset,
             rpdos,
             tpdos,
             setpoint_pdos: [None; 3],
@@ -121,7 +125,7 @@ impl CanopenDriver {
         let Some(pdo) = pdos.get_mut(usize::from(object.index & 0x1FF)) else { return };
         match (object.index & 0x200 != 0, object.sub) {
             (true, sub) => {
-                pdo.learn(sub, bits as u32, self.profile, axis_offset(self.sub_axis));
+                pdo.learn(sub, bits as u32, self.profile, self.offset);
             }
             (false, 1) => pdo.enabled = bits as u32 & CobId::INVALID == 0,
             _ => return,
@@ -198,7 +202,7 @@ impl CanopenDriver {
 
     /// The object of this axis, by that of the first.
     const fn own_object(&self, object: ObjectIndex) -> ObjectIndex {
-        let index = axis_index(object.index, axis_offset(self.sub_axis));
+        let index = axis_index(object.index, self.offset);
         ObjectIndex { index, ..object }
     }
 

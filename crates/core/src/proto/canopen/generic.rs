@@ -23,6 +23,7 @@ pub static GENERIC: Profile = Profile {
     axis: AxisKind::Rotary,
     motors: 0,
     further_motors: &[],
+    lists_motors: false,
     parameters: &[
         Parameter {
             name: "device type",

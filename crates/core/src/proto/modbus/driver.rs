@@ -26,6 +26,7 @@ pub static GENERIC: Profile = Profile {
     axis: AxisKind::Rotary,
     motors: 1,
     further_motors: &[],
+    lists_motors: false,
     parameters: &[],
     faults: &[],
     signals: &[],

@@ -20,6 +20,7 @@ pub static GENERIC: Profile = Profile {
     axis: AxisKind::Rotary,
     motors: 1,
     further_motors: &[],
+    lists_motors: false,
     parameters: PARAMETERS,
     faults: &[],
     signals: &[

@@ -34,6 +34,7 @@ static PROFILE: Profile = Profile {
     axis: AxisKind::Rotary,
     motors: 1,
     further_motors: &[],
+    lists_motors: false,
     parameters: &[
         register("speed", COMMANDED, Access::ReadWrite),
         register("actual speed", ACTUAL, Access::Read),
