@@ -420,6 +420,11 @@ pub fn handle_answer<R: Request, A: Copy + 'static>(
     if let Some(again) = busy_pause(now, job, slot, raw) {
         return JobState::Sleeping(again);
     }
+    // A stop took the place of a read, perhaps that of another axis on the same channel: it is asked again.
+    let is_displaced = raw == Err(Failure::Cancelled) && !in_flight.may_have_changed();
+    if is_displaced && !job.cancelled && matches!(job.task, JobTask::Run(_)) {
+        return JobState::Ready;
+    }
     // Leaving the download mode changes no motor, so it does not count as a part of the stop that was
     // done.
     if let JobTask::Run(run) = &mut job.task
