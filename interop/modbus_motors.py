@@ -218,6 +218,27 @@ class Zlac8015d:
         return True
 
 
+class Ihsv57:
+    """JMC iHSV57: holding registers of a servo that moves by pulses; values of 32 bits have the high word first."""
+
+    def __init__(self):
+        self.motor, self.written = Motor(), {}
+        self.words = {1: 3000, 2: 32, 3: 71, 23: 1, 101: 0, 102: 1, 103: 10, 305: 0, 306: 10, 315: 3000, 510: 300}
+        self.words[511] = -300 & 0xFFFF
+        self.words.update({0x0834: 0xFFFF, 0x0835: -70_000 & 0xFFFF, 0x0836: 0xFFFE, 0x0837: -70_010 & 0xFFFF})
+        self.words[0x0834] = -70_000 >> 16 & 0xFFFF
+        self.words.update({0x0838: 0, 0x0839: 10, 0x0843: 12, 0x0844: -11 & 0xFFFF})
+
+    def read(self, function, start, count):
+        words = [self.words.get(start + n) for n in range(count)]
+        return words if function == 3 and None not in words else None
+
+    def write(self, start, words):
+        self.written.update((start + n, word) for n, word in enumerate(words))
+        self.words.update((start + n, word) for n, word in enumerate(words))
+        return True
+
+
 class Station(threading.Thread):
     """A drive at address 1 of a pseudo-terminal."""
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from conftest import end, occurs_within, polepair, start
-from modbus_motors import Az, Servo42d, Station, VfdEl, Zlac8015d
+from modbus_motors import Az, Ihsv57, Servo42d, Station, VfdEl, Zlac8015d
 from pymodbus.client import ModbusSerialClient
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
@@ -264,3 +264,18 @@ def test_two_motors_behind_one_address_have_their_own_targets(two_motors):
     positions = [float(line.split("=")[1].split()[0]) for line in shown]
     assert all(abs(a - b) < 0.01 for a, b in zip(positions, (1, -0.5))), positions
     assert two_motors("info", "1.3", check=False).returncode == 2
+
+
+def test_a_drive_that_moves_by_pulses_is_read_and_set():
+    drive = Ihsv57()
+    bench = Bench("ihsv57", drive)
+    try:
+        shown = bench.run("get", "position", "torque", "position error", "reverse torque limit").stdout
+        assert [line.split("=")[1].strip() for line in shown.splitlines()] == ["-70010", "-11", "10", "-300"], shown
+        bench.run("set", "rigidity=20")
+        assert drive.written == {103: 20}
+        refused = bench.run("spin", "60rpm", check=False)
+        assert refused.returncode == 2 and drive.written == {103: 20}, refused.stderr
+        assert "cut its enable input" in " ".join(bench.run("info").stdout.split())
+    finally:
+        bench.station.close()
