@@ -69,6 +69,11 @@ impl WatchCommand {
                 let (parameter, signal) = match axis.find_signal_or_parameter(name) {
                     Ok(found) => found,
                     Err(_) if self.signals.is_empty() => continue,
+                    Err(_) if Signal::from_name(&normalize_name(name)).is_some() => {
+                        let (label, signal) = (axis.label(), normalize_name(name));
+                        let what = format!("{label} does not report its {signal}.");
+                        return Err(Problem::usage("E213", what));
+                    }
                     Err(error) => return Err(outcome::to_problem(error)),
                 };
                 let signal = signal.or_else(|| source_of(axis, parameter));
