@@ -16,6 +16,8 @@ pub(super) const ENTRIES_MAX: usize = BITS_MAX as usize;
 #[derive(Clone, PartialEq, Debug)]
 pub struct Mapping {
     values: Vec<MappedValue>,
+    /// False for a mapping that is only supposed for the text: its values count for nothing else.
+    has_signals: bool,
     entries: Vec<(MappingEntry, BitField)>,
     bytes: u8,
     quality: Quality,
@@ -117,7 +119,7 @@ impl Mapping {
         book: &ObjectLookup<'_>,
         quality: Quality,
     ) -> Option<Self> {
-        let mut mapping = Self { values: Vec::new(), entries: Vec::new(), bytes: 0, quality };
+        let mut mapping = Self { quality, has_signals: true, ..Self::empty() };
         let mut at = 0_u8;
         for entry in entries {
             let end = at.checked_add(entry.bits).filter(|end| *end <= BITS_MAX && *end > at)?;
@@ -130,7 +132,19 @@ impl Mapping {
 
     /// Mapping of unknown bytes.
     pub(super) const fn empty() -> Self {
-        Self { values: Vec::new(), entries: Vec::new(), bytes: 0, quality: Quality::Inferred }
+        Self {
+            values: Vec::new(),
+            has_signals: false,
+            entries: Vec::new(),
+            bytes: 0,
+            quality: Quality::Inferred,
+        }
+    }
+
+    /// Mapping of frames of `len` bytes whose text supposes these entries, but whose values are not known.
+    pub(super) fn supposed(entries: &[MappingEntry], book: &ObjectLookup<'_>, len: u8) -> Self {
+        let mapping = Self::new(entries, book, Quality::Inferred).unwrap_or_else(Self::empty);
+        Self { has_signals: false, bytes: len, ..mapping }
     }
 
     fn push_entry(&mut self, entry: MappingEntry, field: BitField, book: &ObjectLookup<'_>) {
@@ -147,10 +161,15 @@ impl Mapping {
     /// its unit.
     #[inline]
     pub fn for_each_signal(&self, data: u64, mut each: impl FnMut(&MappedValue, i64, f64)) {
-        for mapped in &self.values {
+        for mapped in self.mapped_values() {
             let exact = mapped.exact(data);
             each(mapped, exact, mapped.value(exact));
         }
+    }
+
+    /// Returns whether it has no entry that is a value.
+    pub(super) fn is_empty(&self) -> bool {
+        self.values.is_empty()
     }
 
     /// Bytes of its frame.
@@ -168,11 +187,11 @@ impl Mapping {
     /// The values, and the flags in them, in order.
     #[must_use]
     pub fn mapped_values(&self) -> &[MappedValue] {
-        &self.values
+        if self.has_signals { &self.values } else { &[] }
     }
 
     /// Values that are whole numbers, in order.
-    pub(crate) fn numbers(&self) -> impl Iterator<Item = &MappedValue> {
+    fn numbers(&self) -> impl Iterator<Item = &MappedValue> {
         self.values.iter().filter(|mapped| mapped.is_number())
     }
 

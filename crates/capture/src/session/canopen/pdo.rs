@@ -49,7 +49,7 @@ struct ResolvedMapping {
     process_data: Option<Arc<ProcessData>>,
     /// The length that it was concluded from, where it was.
     inferred_len: Option<u8>,
-    /// True if their content is unknown, and no words are wanted.
+    /// True if their content is unknown: what they hold counts for nothing but the text.
     unmapped: bool,
 }
 
@@ -188,9 +188,36 @@ impl Pdo {
         let entries: Vec<MappingEntry> =
             usual.iter().flat_map(|map| map.fields()).map(|(e, _)| e).collect();
         let process = self.new_process_data(Mapping::new(&entries, book, Quality::Inferred));
-        let blank = process.is_none() && beside.values_only;
-        let process = if blank { self.new_process_data(Some(Mapping::empty())) } else { process };
-        ResolvedMapping { process_data: process, inferred_len: Some(len), unmapped: blank }
+        let unmapped = process.is_none();
+        let process = process.or_else(|| {
+            if beside.values_only {
+                self.new_process_data(Some(Mapping::empty()))
+            } else {
+                self.supposed_process_data(len, book)
+            }
+        });
+        ResolvedMapping { process_data: process, inferred_len: Some(len), unmapped }
+    }
+
+    /// Process data of unknown content whose text is the dissector's: by the usual mapping, if their length is its.
+    fn supposed_process_data(&self, len: u8, book: &ObjectLookup<'_>) -> Option<Arc<ProcessData>> {
+        let cob = self.default_cob().filter(|_| len > 0)?;
+        let id = u32::from(cob.id());
+        if pdo_cob_id(self) != Some(id) {
+            return None;
+        }
+        let map = default_mapping(cob, len);
+        let entries: Vec<MappingEntry> =
+            map.iter().flat_map(|map| map.fields()).map(|(entry, _)| entry).collect();
+        let mapping = Mapping::supposed(&entries, book, len);
+        let process = ProcessData::new(self.node, self.name(), mapping);
+        Some(Arc::new(process.with_supposed_text(id, self.mapping_index())))
+    }
+
+    /// Index of the object with its mapping.
+    const fn mapping_index(&self) -> u16 {
+        debug_assert!(self.number > 0, "PDOs are counted from 1");
+        (if self.from_node { 0x1A00 } else { 0x1600 }) + (self.number - 1)
     }
 
     fn new_process_data(&self, mapping: Option<Mapping>) -> Option<Arc<ProcessData>> {
@@ -202,8 +229,7 @@ impl Pdo {
         &self,
         profile: Option<&'static Profile>,
     ) -> Option<(Vec<MappingEntry>, Quality)> {
-        debug_assert!(self.number > 0, "PDOs are counted from 1");
-        let index = if self.from_node { 0x1A00 } else { 0x1600 } + (self.number - 1);
+        let index = self.mapping_index();
         let mut captured = self.is_captured();
         let count = self.count.or_else(|| u8::try_from(default_of_sub(0, profile, index)?).ok())?;
         let mut entries = Vec::new();

@@ -8,6 +8,7 @@ use polepair_core::explain::ExplainSink as _;
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::cia402::OperationMode;
 
+use super::annotate::explain_as_default;
 use super::mapping::{MappedValue, Mapping};
 use super::pdo::PdoName;
 use super::power::PowerMonitor;
@@ -26,6 +27,17 @@ pub struct ProcessData {
     state_values: Vec<MappedValue>,
     /// The mapping in words, once they are wanted.
     text: Option<ProcessText>,
+    /// Set where the mapping is not known, and the text is the dissector's.
+    supposed: Option<SupposedText>,
+}
+
+/// Key of the dissector's text for a frame.
+#[derive(Clone, Copy, Debug)]
+struct SupposedText {
+    id: u32,
+    /// Object that would state the mapping.
+    mapping_index: u16,
+    profile: Option<&'static Profile>,
 }
 
 impl ProcessData {
@@ -37,7 +49,13 @@ impl ProcessData {
             .filter(|mapped| from_node && mapped.tells_state())
             .copied()
             .collect();
-        Self { node, name, mapping, from_node, state_values, text: None }
+        Self { node, name, mapping, from_node, state_values, text: None, supposed: None }
+    }
+
+    /// With the dissector's text for the identifier that they have; `mapping_index` is the object of their mapping.
+    pub(super) fn with_supposed_text(mut self, id: u32, mapping_index: u16) -> Self {
+        self.supposed = Some(SupposedText { id, mapping_index, profile: None });
+        self
     }
 
     /// Axis of the process data.
@@ -71,16 +89,21 @@ impl ProcessData {
         mode: OperationMode,
     ) {
         if !this.text.as_ref().is_some_and(|wording| wording.has_text(data)) {
-            let Self { mapping, text, .. } = Arc::make_mut(this);
-            let wording =
-                text.get_or_insert_with(|| ProcessText::new(name(), mapping, profile, mode));
+            let Self { mapping, text, supposed, .. } = Arc::make_mut(this);
+            let wording = text.get_or_insert_with(|| match supposed {
+                Some(supposed) => {
+                    supposed.profile = profile;
+                    ProcessText::supposed(name(), mapping, profile, supposed.mapping_index)
+                }
+                None => ProcessText::new(name(), mapping, profile, mode),
+            });
             wording.learn_text(data);
         }
     }
 
     /// Forgets the words that are those of another mode.
     pub(super) fn set_mode(this: &mut Arc<Self>, mode: OperationMode) {
-        if this.text.is_some() {
+        if this.text.is_some() && this.supposed.is_none() {
             Arc::make_mut(this).text.iter_mut().for_each(|wording| wording.set_mode(mode));
         }
     }
@@ -102,6 +125,9 @@ impl ProcessData {
 
     /// Explains bytes.
     pub(crate) fn explain(&self, bytes: &[u8], explanation: &mut Explanation) {
+        if let Some(SupposedText { id, profile, .. }) = self.supposed {
+            return explain_as_default(bytes, Some(id), profile, explanation);
+        }
         explanation.axis(self.axis());
         match &self.text {
             Some(wording) => wording.explain(bytes, explanation),

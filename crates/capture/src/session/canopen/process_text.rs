@@ -37,6 +37,9 @@ struct NameSource {
     mode: OperationMode,
 }
 
+/// Text before the values of a mapping that the capture does not show.
+const SUPPOSED: &str = " (if mapped as usual: ";
+
 /// Words for numbers of one value that are kept; those of further ones are put together each time.
 const SUFFIXES_MAX: usize = 8;
 
@@ -65,18 +68,39 @@ impl ProcessText {
         profile: Option<&'static Profile>,
         mode: OperationMode,
     ) -> Self {
-        let names = NameSource { profile, mode };
         let good = mapping.quality() == Quality::Good;
-        let mut join = if good { " (" } else { " (if mapped as usual: " };
+        let start = if good { " (" } else { SUPPOSED };
+        // Bits without a mapping are named.
+        let end = if mapping.is_empty() { format!("{start})") } else { ")".to_owned() };
+        Self::with_joins(name, mapping, NameSource { profile, mode }, [start, " | ", &end])
+    }
+
+    /// The dissector's words for `mapping`, which is not known; `mapping_index` is the object that would state it.
+    pub fn supposed(
+        name: String,
+        mapping: &Mapping,
+        profile: Option<&'static Profile>,
+        mapping_index: u16,
+    ) -> Self {
+        let end = if mapping.is_empty() {
+            format!(" (by its mapping, 0x{mapping_index:04X})")
+        } else {
+            ")".to_owned()
+        };
+        let names = NameSource { profile, mode: OperationMode::None };
+        Self::with_joins(name, mapping, names, [SUPPOSED, ", ", &end])
+    }
+
+    /// Words with these texts before the first value, between two, and behind the last.
+    fn with_joins(name: String, mapping: &Mapping, names: NameSource, joins: [&str; 3]) -> Self {
+        let [mut join, further, end] = joins;
         let words = mapping.entry_values(0).map(|(entry, field, mapped_value, _)| {
             let (start, end) = (u16::from(field.start), u16::from(field.start + field.bits));
             let place = (mapped_value.bits, (start / 8, end.div_ceil(8)));
-            let join = core::mem::replace(&mut join, " | ");
+            let join = core::mem::replace(&mut join, further);
             ValueText::new(join, entry.object, mapped_value.name, place, names)
         });
         let mut values: Vec<ValueText> = words.collect();
-        // Bits without a mapping are named.
-        let end = if values.is_empty() { format!("{join})") } else { ")".to_owned() };
         let (verb, end) = (name.to_lowercase(), TextPiece::new(end.as_bytes()));
         // A constant text behind a value is one piece with the text that follows.
         let mut suffix = TextPiece::default();
