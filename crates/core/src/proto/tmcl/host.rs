@@ -429,6 +429,9 @@ impl Station<Can> for CanHost {
             {
                 self.session.note_other_host(frame.id, &reply);
             }
+            if let Some(request) = self.other_hosts_request(frame) {
+                self.session.note_other_request(now, request);
+            }
             return;
         }
         let host = self.reply_id as u8;
@@ -520,6 +523,13 @@ impl Host<Can> for CanHost {
 }
 
 impl CanHost {
+    /// The request of another host to a module that this one asks as well.
+    fn other_hosts_request(&self, frame: &Frame) -> Option<Request> {
+        let address = frame.id as u8;
+        let asked = u32::from(self.can_ids[usize::from(address)]?) == frame.id;
+        Request::parse_can(frame.bytes(), address).ok().filter(|_| asked)
+    }
+
     fn encode_frame(&self, request: &Request) -> Frame {
         let can_id = self.can_ids[usize::from(request.address)];
         request.emit_can(can_id.unwrap_or(request.address.into()), self.eight_bytes)

@@ -12,6 +12,7 @@
 //! value needs as many pending replies as there are probes, with these opcodes in this order.
 
 mod alignment;
+mod contest;
 mod download;
 mod matching;
 mod module_set;
@@ -32,6 +33,7 @@ use crate::station::{Counters, EventSubject, HostEvent, LineEvent, RequestClass,
 use crate::time::{Instant, earliest};
 pub(super) use alignment::Burst;
 use alignment::{ByteAlignment, SendPlan, SilentModule};
+use contest::Contest;
 use module_set::ModuleSet;
 use motor_stops::{MotorStops, REPEATED_STOPS_MAX};
 use proof::{PROBES, UnprovenRequest};
@@ -97,6 +99,8 @@ struct PendingFlags {
     early_reply: bool,
     /// The reply to another motor's stop may still come, or to another program's.
     other_motors_reply: bool,
+    /// Another host's reply may look like this one's.
+    contested: bool,
     /// A stop waits, or it was to be sent once: no further attempt.
     no_retry: bool,
 }
@@ -108,6 +112,7 @@ impl PendingFlags {
         checksum_error_by_module: false,
         early_reply: false,
         other_motors_reply: false,
+        contested: false,
         no_retry: false,
     };
 }
@@ -153,6 +158,7 @@ pub struct Session {
     storing_modules: ModuleSet,
     /// Motors whose stops may still be answered.
     motor_stops: MotorStops,
+    contest: Contest,
     /// Modules of which no older reply can come but those that are known of.
     proven_addresses: ProvenAddresses,
     /// A request that waits for its module to be proven.
@@ -205,6 +211,7 @@ impl Session {
             silent_modules: [None; SUSPECTS_MAX],
             storing_modules: ModuleSet::NONE,
             motor_stops: MotorStops::NONE,
+            contest: Contest::NONE,
             events: EventRing::new(),
             answered_modules: ModuleSet::NONE,
             unanswered_modules: ModuleSet::NONE,
@@ -305,6 +312,7 @@ impl Session {
         }
         pending.burst = burst;
         let request = pending.host_request.request;
+        pending.flags.contested = self.contest.threatens(now, &request, self.timeout_ns);
         pending.sent = true;
         // Replies to stops of several motors differ in nothing, so from here on another stop's may be taken
         // for it.
@@ -391,6 +399,7 @@ impl Session {
             return false;
         };
         self.timely_streak += 1;
+        self.contest.count = 0;
         self.answered_modules.insert(reply.module);
         self.counters.answered += 1;
         self.pending = None;

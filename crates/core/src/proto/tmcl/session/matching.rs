@@ -29,6 +29,7 @@ impl Session {
 
     pub(super) fn match_reply(&mut self, now: Instant, reply: Reply, soon: bool) {
         let Some(pending) = self.pending.as_mut().filter(|pending| pending.sent) else {
+            self.contest.note_reply(&reply);
             self.count_unexpected(&reply);
             self.note_unexpected_reply(now, &reply);
             return;
@@ -52,6 +53,7 @@ impl Session {
         // Its reply is an instruction: any byte may be in the place of the status.
         let reads_memory = request.opcode == Opcode::ReadMemory && !pending.is_stored && !refused;
         if !refusal && !reads_memory {
+            self.contest.note_reply(&reply);
             let misaddressed = reply.opcode == request.opcode && reply.module != request.address;
             if misaddressed {
                 self.counters.misaddressed += 1;
@@ -99,11 +101,15 @@ impl Session {
             self.counters.late += 1;
             return;
         }
+        if self.reject_contested(now) {
+            return;
+        }
         if reads_memory {
             return self
                 .finish_with_answer(now, Ok(Answer::Instruction(Instruction::of_reply(&reply))));
         }
-        let executed = pending.is_stored && reply.status == Status::Ok;
+        let is_stored = self.pending.is_some_and(|pending| pending.is_stored);
+        let executed = is_stored && reply.status == Status::Ok;
         if executed || refused && opcode == Opcode::DownloadStart.number() {
             self.note_not_storing(module);
         }

@@ -2,8 +2,10 @@
 
 use super::{
     Answer, CanEndpoint, CanHost, Frame, HostOptions, HostRequest, Instant, Opcode, Quirks,
-    TestFirmware, Ticket, Vec, request,
+    Request, Status, TestFirmware, Ticket, Vec, request,
 };
+use crate::error::Failure;
+use crate::proto::tmcl::wire::Reply;
 use crate::station::{Host as _, Station as _, Timed as _};
 
 #[test]
@@ -120,4 +122,88 @@ fn a_module_that_replied_too_often_is_asked_for_something_else() {
         assert_eq!((value, gap), (Some(9), Some(&6)), "{seed}: {asked:?}");
         assert!(!probes.is_empty() && probes[0] != 6, "{seed}: {asked:?}");
     }
+}
+
+/// Plays a module that answers in order and is asked by another host with the same reply identifier. The other host's
+/// requests are sent when `other` returns one. Returns the answer to a read of parameter 208, and
+/// the number of frames sent for it.
+fn read_beside(mut other: impl FnMut(usize) -> Option<Request>) -> (Result<i32, Failure>, usize) {
+    let mut host = CanHost::new(&HostOptions::new(250_000));
+    let mut now = Instant(1);
+    host.submit(now, Ticket(1), HostRequest::of(request(Opcode::Gap, 208, 0))).unwrap();
+    for sent in 0..200 {
+        let mut frame = Frame::default();
+        let own = host.poll_transmit(now, &mut frame).map(|_| {
+            assert_eq!(frame.id, 1);
+            Request::parse_can(frame.bytes(), 1).expect("a request")
+        });
+        let others = own.and_then(|_| other(sent));
+        // The other host's frame was on the bus first, although this one sees it when its own is sent.
+        if let Some(asked) = others {
+            host.handle_input(now, &asked.emit_can(1, false));
+        }
+        for asked in others.into_iter().chain(own) {
+            now = now.plus_ms(2);
+            let value = i32::from(asked.kind) * 1000;
+            let reply =
+                Reply { host: 2, module: 1, status: Status::Ok, opcode: asked.opcode, value };
+            host.handle_input(now, &reply.emit_can(2, false));
+        }
+        match host.poll_event() {
+            Some((_, Ok(Answer::Reply(reply)))) => return (Ok(reply.value), sent + 1),
+            Some((_, Err(failure))) => return (Err(*failure), sent + 1),
+            Some(event) => panic!("{event:?}"),
+            None => now = now.plus_ms(1),
+        }
+        host.handle_timeout(now);
+    }
+    panic!("no end");
+}
+
+/// A reply names neither parameter nor host: the mode (2) that another host read was a driver's temperature.
+#[test]
+fn the_answer_to_another_host_with_the_same_reply_identifier_is_not_taken() {
+    let position = request(Opcode::Gap, 1, 0);
+    assert_eq!(read_beside(|_| None), (Ok(208_000), 1));
+    assert_eq!(read_beside(|sent| (sent == 0).then_some(position)), (Ok(208_000), 3));
+    // Another opcode cannot be confused, and the same question has the same answer.
+    let coordinate = request(Opcode::Gco, 0, 0);
+    assert_eq!(read_beside(|_| Some(coordinate)), (Ok(208_000), 1));
+    assert_eq!(read_beside(|_| Some(request(Opcode::Gap, 208, 0))), (Ok(208_000), 1));
+}
+
+#[test]
+fn a_read_that_is_always_contested_ends_with_an_error() {
+    let position = request(Opcode::Gap, 1, 0);
+    let (answer, sent) = read_beside(|_| Some(position));
+    assert_eq!(answer, Err(Failure::Misbehaved));
+    assert_eq!(sent, 31, "each of sixteen reads behind a probe, but the first");
+}
+
+/// The other host's request was seen just before this one's was sent, so its reply is still to come.
+#[test]
+fn a_request_behind_another_hosts_is_contested_until_that_is_answered() {
+    let mut host = CanHost::new(&HostOptions::new(250_000));
+    let mut now = Instant(1);
+    ask_position(&mut host, now);
+    now = now.plus_ms(1);
+    host.handle_input(now, &position(5));
+    assert!(host.poll_event().is_some());
+    let speed = request(Opcode::Gap, 3, 0).emit_can(1, false);
+    host.handle_input(now, &speed);
+    ask_position(&mut host, now);
+    host.handle_input(now.plus_ms(2), &position(77));
+    assert!(host.poll_event().is_none(), "it may be the speed");
+
+    let mut host = CanHost::new(&HostOptions::new(250_000));
+    ask_position(&mut host, Instant(1));
+    host.handle_input(now, &position(5));
+    assert!(host.poll_event().is_some());
+    host.handle_input(now, &speed);
+    now = now.plus_ms(2);
+    host.handle_input(now, &position(77));
+    assert!(host.poll_event().is_none());
+    ask_position(&mut host, now);
+    host.handle_input(now.plus_ms(2), &position(6));
+    assert!(matches!(host.poll_event(), Some((_, Ok(Answer::Reply(r)))) if r.value == 6));
 }
