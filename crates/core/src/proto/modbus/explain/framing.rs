@@ -148,6 +148,8 @@ fn scan_head(bytes: &[u8], direction: Option<Direction>) -> HeadScan {
         _ => check_span(bytes, rtu::reply_span(bytes)),
     };
     match (request, reply) {
+        // The CRC of a frame that ends in 00h is valid without that byte too, so only the longer one is proven.
+        (HeadScan::Frame(a), HeadScan::Frame(b)) if a.abs_diff(b) == 1 => HeadScan::Frame(a.max(b)),
         (HeadScan::Frame(len), _) | (_, HeadScan::Frame(len)) => HeadScan::Frame(len),
         (HeadScan::More, _) | (_, HeadScan::More) => HeadScan::More,
         (HeadScan::Broken(a), HeadScan::Broken(b)) => {
