@@ -3,7 +3,7 @@
 use std::io::{self, IsTerminal as _, Write as _};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use polepair_core::escape::{EscapedText, is_plain};
+use polepair_core::escape::{EscapedText, are_lines_plain, is_plain};
 
 /// Returns whether stdout takes colours.
 pub fn colour_out() -> bool {
@@ -59,8 +59,7 @@ const OWN_STYLES: [&str; 12] =
 /// Escapes the control characters of text, but for the ends of its lines, tabs, and with `colours` the styles of this
 /// program.
 pub fn escape_controls(text: &mut Vec<u8>, colours: bool) {
-    let is_clean = text.split(is_kept_byte).all(is_plain);
-    if is_clean {
+    if are_lines_plain(text) {
         return;
     }
     let (mut escaped, text_before) = (String::new(), std::mem::take(text));

@@ -1,7 +1,7 @@
 //! Cost of a frame of a candump log: read, decoded into columns in memory, decoded into text.
 //!
-//! Sixteen CANopen drives at 1 kHz whose mappings stand at the head of the log: SYNC, RPDO1, TPDO1 and
-//! TPDO2 in every cycle, heartbeats and reads of objects between. Targets on one core: 20, 30 and 60 ns.
+//! The log of mapped process data has all outputs, each other log text and summary. Targets on one core: 20, 30 and
+//! 60 ns for mapped process data.
 
 mod work;
 
@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use polepair_capture::{CaptureDecoder, ReadOptions};
-use work::{columns, log, parse, stated, summary, text};
+use work::{KINDS, LogKind, columns, parse, stated, summary, text};
 
 const FRAMES: usize = 100_000;
 
@@ -23,7 +23,8 @@ fn detecting(log: &Arc<[u8]>) -> CaptureDecoder {
 }
 
 fn decode(c: &mut Criterion) {
-    let log = log(FRAMES);
+    let [mapped, others @ ..] = KINDS;
+    let log = mapped.log(FRAMES);
     let bytes: Arc<[u8]> = Arc::from(log.as_bytes());
     let frames = log.lines().count() as u64;
     let mut group = c.benchmark_group("candump log, per frame");
@@ -37,15 +38,31 @@ fn decode(c: &mut Criterion) {
         ("summary", |log, decoder| summary(log, decoder) as usize),
     ];
     for (name, output) in outputs {
-        group.bench_function(name, |b| b.iter(|| output(black_box(&log), stated())));
+        group.bench_function(name, |b| b.iter(|| output(black_box(&log), stated(mapped))));
         group.bench_function(format!("{name}, detected"), |b| {
             b.iter(|| output(black_box(&log), detecting(&bytes)));
         });
     }
     group.bench_function("columns, two threads", |b| {
-        b.iter(|| columns(black_box(&log), stated(), 2))
+        b.iter(|| columns(black_box(&log), stated(mapped), 2))
     });
-    group.bench_function("text, two threads", |b| b.iter(|| text(black_box(&log), stated(), 2)));
+    group.bench_function("text, two threads", |b| {
+        b.iter(|| text(black_box(&log), stated(mapped), 2))
+    });
+    group.finish();
+    for kind in others {
+        decode_other(c, kind);
+    }
+}
+
+/// Text and summary of a log.
+fn decode_other(c: &mut Criterion, kind: LogKind) {
+    let log = kind.log(FRAMES);
+    let mut group = c.benchmark_group(format!("log {:?}, per frame", kind.name));
+    group.throughput(Throughput::Elements(log.lines().count() as u64));
+    group.sample_size(10).measurement_time(Duration::from_secs(3));
+    group.bench_function("text", |b| b.iter(|| text(black_box(&log), stated(kind), 1)));
+    group.bench_function("summary", |b| b.iter(|| summary(black_box(&log), stated(kind))));
     group.finish();
 }
 

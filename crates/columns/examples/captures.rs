@@ -1,5 +1,6 @@
-//! Lowest cost of a frame of the bench's log: the least disturbed of many short runs. With a
-//! number: that many frames of the log, to stdout, for what the program itself costs.
+//! Lowest cost of a frame of one of the bench's logs: the least disturbed of many short runs. The first argument is
+//! the name of the log. With a number as the second: that many frames of it, to stdout, for what the program itself
+//! costs.
 
 #[path = "../benches/work/mod.rs"]
 mod work;
@@ -7,7 +8,7 @@ mod work;
 use std::hint::black_box;
 use std::time::Instant;
 
-use work::{columns, log, parse, stated, summary, text};
+use work::{KINDS, columns, parse, stated, summary, text};
 
 /// Frames of a short run, and of one that is worth several threads.
 const SHORT: usize = 4_000;
@@ -25,18 +26,27 @@ fn best(name: &str, log: &str, runs: usize, mut run: impl FnMut(&str) -> u64) {
 }
 
 fn main() {
-    if let Some(frames) = std::env::args().nth(1).and_then(|frames| frames.parse().ok()) {
-        return print!("{}", log(frames));
+    let mut args = std::env::args().skip(1);
+    let kind = match args.next() {
+        None => KINDS[0],
+        Some(name) => {
+            let names = KINDS.map(|kind| kind.name).join(", ");
+            let mut kinds = KINDS.into_iter();
+            kinds.find(|kind| kind.name == name).unwrap_or_else(|| panic!("one of {names}"))
+        }
+    };
+    if let Some(frames) = args.next().and_then(|frames| frames.parse().ok()) {
+        return print!("{}", kind.log(frames));
     }
-    let (short, long) = (log(SHORT), log(LONG));
+    let (short, long) = (kind.log(SHORT), kind.log(LONG));
     best("read", &short, 400, parse);
-    best("text", &short, 400, |log| text(log, stated(), 1) as u64);
-    best("columns", &short, 400, |log| columns(log, stated(), 1) as u64);
-    best("summary", &short, 400, |log| summary(log, stated()));
+    best("text", &short, 400, |log| text(log, stated(kind), 1) as u64);
+    best("columns", &short, 400, |log| columns(log, stated(kind), 1) as u64);
+    best("summary", &short, 400, |log| summary(log, stated(kind)));
     for jobs in [1, 2] {
         let name = format!("text, {jobs} threads");
-        best(&name, &long, 20, |log| text(log, stated(), jobs) as u64);
+        best(&name, &long, 20, |log| text(log, stated(kind), jobs) as u64);
         let name = format!("columns, {jobs} threads");
-        best(&name, &long, 20, |log| columns(log, stated(), jobs) as u64);
+        best(&name, &long, 20, |log| columns(log, stated(kind), jobs) as u64);
     }
 }

@@ -34,12 +34,23 @@ impl fmt::Display for EscapedText<'_> {
 pub fn is_plain(text: &[u8]) -> bool {
     // Two passes without branches take less time than one with them.
     let has_c0 = text.iter().fold(false, |found, byte| found | (*byte < 0x20) | (*byte == 0x7F));
-    if has_c0 {
-        return false;
-    }
-    // C1 is C2h and a byte from 80h to 9Fh.
-    !text.contains(&0xC2)
-        || !text.windows(2).any(|pair| pair[0] == 0xC2 && (0x80..=0x9F).contains(&pair[1]))
+    !has_c0 && !has_c1(text)
+}
+
+/// Returns whether lines of text in UTF-8 have no control character but the ends of lines and tabulators.
+#[must_use]
+pub fn are_lines_plain(text: &[u8]) -> bool {
+    /// Bytes that are looked at without a branch between them.
+    const CHUNK: usize = 256;
+    let is_c0 = |byte: u8| ((byte < 0x20) & (byte != b'\n') & (byte != b'\t')) | (byte == 0x7F);
+    let has_c0 = |chunk: &[u8]| chunk.iter().fold(false, |found, byte| found | is_c0(*byte));
+    !text.chunks(CHUNK).any(has_c0) && !has_c1(text)
+}
+
+/// Returns whether text in UTF-8 has a control character of C1, which is C2h and a byte from 80h to 9Fh.
+fn has_c1(text: &[u8]) -> bool {
+    text.contains(&0xC2)
+        && text.windows(2).any(|pair| pair[0] == 0xC2 && (0x80..=0x9F).contains(&pair[1]))
 }
 
 #[cfg(test)]
@@ -56,12 +67,15 @@ mod tests {
             ("", ""),
             ("plain ü € \u{200b}\u{202e}\u{a0}", "plain ü € \u{200b}\u{202e}\u{a0}"),
             ("\0\x07\x1b]0;x\x07", "\\x00\\x07\\x1b]0;x\\x07"),
+            ("line\nline\n", "line\\nline\\n"),
             ("a\nb\tc\rd\x7f", "a\\nb\\tc\\rd\\x7f"),
             ("\u{80}\u{9b}31m", "\\x80\\x9b31m"),
             ("\"'\\", "\"'\\"),
         ] {
             assert_eq!(EscapedText(text).to_string(), shown);
             assert_eq!(is_plain(text.as_bytes()), text == shown, "{text:?}");
+            let kept = text == shown || text.chars().all(|c| c == '\n' || !c.is_control());
+            assert_eq!(are_lines_plain(text.as_bytes()), kept, "{text:?}");
         }
     }
 }

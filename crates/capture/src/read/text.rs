@@ -73,6 +73,14 @@ impl LineFormat for TextReader {
         if after_error && line.starts_with(b"\t") {
             return Ok(ParsedLine::Nothing);
         }
+        if !self.head.has_delta_times
+            && let Some((time, direction)) =
+                parse_serial_line(line, &mut self.context, &mut self.scratch)
+        {
+            self.has_records = true;
+            let raw = RawLine { time: Some(time), link: self.context.link(), direction, can: None };
+            return Ok(ParsedLine::Record(self.head.orient(raw.with_bytes(&self.scratch))));
+        }
         // The byte order mark that Windows editors write.
         let line = line.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(line);
         let line = if line.contains(&ESCAPE) {
@@ -202,15 +210,14 @@ fn parse_any_line<'a>(
     let parsed = match line.first() {
         None | Some(b'#' | b';') => return Ok(None),
         Some(b'/') if line.starts_with(b"//") => return Ok(None),
-        Some(b'(') => match (parse_stamped(line, scratch), before_comment(line)) {
-            (Err(_), Some(data)) => return parse_any_line(data, scratch),
-            (parsed, _) => Ok(parsed?),
-        },
+        Some(b'(') => parse_stamped(line, scratch),
         Some(_) => parse_unstamped(line, scratch),
     };
     match parsed {
         Ok(parsed) => Ok(Some(LogLine::Record(parsed.with_bytes(scratch), false))),
         Err(_) if let Some(data) = before_comment(line) => parse_any_line(data, scratch),
+        // With a time in parentheses it is a damaged line of a log of candump's form.
+        Err(error) if line[0] == b'(' => Err(error),
         // Last, because the forms of programs are loose and would take a damaged line of the exact forms.
         Err(error) => parse_foreign_line(line, scratch).ok_or(error).map(Some),
     }
@@ -315,6 +322,17 @@ impl LineContext {
         self.link_changes
     }
 
+    /// Rest behind the link, which is the link from then on.
+    #[inline]
+    fn split_link<'a>(&mut self, rest: &'a [u8]) -> Option<&'a [u8]> {
+        // The name is compared as one word: a capture of one bus has the same name on a million lines.
+        if self.after_link(rest).is_none() {
+            let name = rest.get(..LINK_MAX)?.split(|c| *c == b' ').next()?;
+            self.set_link(std::str::from_utf8(name).ok().filter(|name| !name.contains(is_blank))?);
+        }
+        self.after_link(rest)
+    }
+
     /// Rest behind the link, if it is the same.
     #[inline]
     fn after_link<'a>(&self, rest: &'a [u8]) -> Option<&'a [u8]> {
@@ -335,12 +353,7 @@ impl LineContext {
 pub(super) fn parse_usual_line(bytes: &[u8], before: &mut LineContext) -> Option<UsualLine> {
     let (stamp, rest) = bytes.split_first_chunk::<20>()?;
     let time = Timestamp(digits::parse_stamp(stamp, &mut before.stamp_prefix)?.checked_mul(1000)?);
-    // The name is compared as one word: a capture of one bus has the same name on a million lines.
-    if before.after_link(rest).is_none() {
-        let name = rest.get(..LINK_MAX)?.split(|c| *c == b' ').next()?;
-        before.set_link(std::str::from_utf8(name).ok().filter(|name| !name.contains(is_blank))?);
-    }
-    let frame = before.after_link(rest)?;
+    let frame = before.split_link(rest)?;
     let (id, extended, text) = match frame {
         [a, b, c, b'#', data @ ..] => (parse_id(&[*a, *b, *c])?, false, data),
         _ => {
@@ -356,6 +369,32 @@ pub(super) fn parse_usual_line(bytes: &[u8], before: &mut LineContext) -> Option
     debug_assert!(count <= 16, "a classic frame has at most eight bytes");
     let frame = Frame { id, extended, remote: false, len: (count / 2) as u8, data };
     Some(UsualLine { time, frame, bytes: bytes.len() - text.len() + count + 1 })
+}
+
+/// A line of a serial log in its usual form, `(1700000000.000500) tty0 > 01 03 10 2E 00 02 A0 C2`: its time and its
+/// direction; `None` for all others. The bytes are put into `bytes`, and its link is that of `before` from then on.
+fn parse_serial_line(
+    line: &[u8],
+    before: &mut LineContext,
+    bytes: &mut Vec<u8>,
+) -> Option<(Timestamp, Option<Direction>)> {
+    let (stamp, rest) = line.split_first_chunk::<20>()?;
+    let time = Timestamp(digits::parse_stamp(stamp, &mut before.stamp_prefix)?.checked_mul(1000)?);
+    let (direction, mut digits) = match before.split_link(rest)? {
+        [b'>', digits @ ..] => (Direction::ToDrive, digits),
+        [b'<', digits @ ..] => (Direction::ToHost, digits),
+        _ => return None,
+    };
+    bytes.clear();
+    while let [b' ', high, low, after @ ..] = digits {
+        let (high, low) = (HEX[usize::from(*high)], HEX[usize::from(*low)]);
+        if (high | low) >= 16 {
+            return None;
+        }
+        bytes.push(high << 4 | low);
+        digits = after;
+    }
+    (digits.is_empty() && !bytes.is_empty()).then_some((time, Some(direction)))
 }
 
 fn is_blank(c: char) -> bool {
@@ -445,7 +484,9 @@ fn parse_body(
 
 #[cfg(test)]
 mod tests {
-    use super::{LineContext, Record, RecordData, parse_log_line, parse_usual_line};
+    use super::{
+        LineContext, Record, RecordData, parse_log_line, parse_serial_line, parse_usual_line,
+    };
 
     #[test]
     fn a_line_needs_no_time() {
@@ -461,6 +502,33 @@ mod tests {
         assert_eq!(read(b"can0 001#0102"), expected("can0", false));
         assert_eq!(read(b"001#0102"), expected("-", false));
         assert_eq!(read(b"  can0  123   [2]  01 02"), expected("can0", false));
+    }
+
+    #[test]
+    fn serial_lines_are_read_as_by_the_general_way() {
+        let mut before = LineContext::default();
+        for (line, quick) in [
+            ("(1700000000.000500) ttyUSB0 > 01 03 10 2E 00 02 A0 C2", true),
+            ("(1700000000.999999) ttyUSB0 < 01 03 04 1e f6 00 13 5D E4", true),
+            ("(1700000000.999999) a < 01 03 04 1e f6 00 13 5D E4", true),
+            ("(1700000000.999999) a-long-name-of-a-line < 01 03 04", true),
+            ("(1700000000.000001) tty0 > 0103102E0002A0C2 00 00 00", false),
+            ("(1700000000.000001) tty0 > 01  03 10 2E 00 02 A0 C2", false),
+            ("(1700000000.000001) tty0 > 01 03 10 2E 00 02 A0 C2 ", false),
+            ("(1700000000.000001) tty0 01 03 10 2E 00 02 A0 C2 00", false),
+            ("(1700000000.000001) tty0 > 01 03 10 2E 00 02 A0 C2 // read", false),
+            ("(1700000000.000001) tty0 > :010310000001EB 01 02 03", false),
+            ("(1700000000.0001) tty0 > 01 03 10 2E 00 02 A0 C2", false),
+        ] {
+            let (mut scratch, mut bytes) = (Vec::new(), Vec::new());
+            let found = parse_serial_line(line.as_bytes(), &mut before, &mut bytes);
+            assert_eq!(found.is_some(), quick, "{line}");
+            let Some((time, direction)) = found else { continue };
+            let slow = parse_log_line(line.as_bytes(), &mut scratch).expect(line).expect(line);
+            let link = before.link();
+            let data = RecordData::Bytes(&bytes);
+            assert_eq!(Record { time: Some(time), link, direction, data, offset: 0 }, slow);
+        }
     }
 
     /// The fast path for millions of lines gives the same result as the general one, or none.

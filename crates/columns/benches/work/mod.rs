@@ -1,6 +1,6 @@
 //! The log, and the work done with it.
 
-use std::fmt::Write as _;
+mod logs;
 
 use polepair_capture::parallel::{BatchConsumer, decode};
 use polepair_capture::summary::Summary;
@@ -8,91 +8,13 @@ use polepair_capture::text::FrameTextWriter;
 use polepair_capture::{CaptureDecoder, CaptureReader, FrameBatch, Rules};
 use polepair_columns::{BatchBuilder, CaptureOrigin, TableKind, TablesBuilder};
 
+pub use logs::{KINDS, LogKind};
+
 const PIECE: usize = 1 << 18;
 
-/// A log, written line by line.
-struct Log {
-    text: String,
-    us: u64,
-    frames: usize,
-    seed: u64,
-}
-
-impl Log {
-    fn random(&mut self) -> u64 {
-        self.seed ^= self.seed << 13;
-        self.seed ^= self.seed >> 7;
-        self.seed ^= self.seed << 17;
-        self.seed >> 16
-    }
-
-    fn frame(&mut self, id: u32, data: &[u8]) {
-        let (seconds, us) = (self.us / 1_000_000, self.us % 1_000_000);
-        let _ = write!(self.text, "({seconds:010}.{us:06}) can0 {id:03X}#");
-        data.iter().for_each(|byte| _ = write!(self.text, "{byte:02X}"));
-        self.text.push('\n');
-        self.us += 115 + (self.random() & 15);
-        self.frames += 1;
-    }
-
-    fn write(&mut self, node: u32, index: u16, sub: u8, raw: u32, len: u8) {
-        let ([low, high], [a, b, c, d]) = (index.to_le_bytes(), raw.to_le_bytes());
-        self.frame(0x600 + node, &[0x23 | (4 - len) << 2, low, high, sub, a, b, c, d]);
-        self.frame(0x580 + node, &[0x60, low, high, sub, 0, 0, 0, 0]);
-    }
-
-    fn map(&mut self, node: u32, index: u16, entries: &[u32]) {
-        self.write(node, index, 0, 0, 1);
-        for (sub, entry) in (1..).zip(entries) {
-            self.write(node, index, sub, *entry, 4);
-        }
-        self.write(node, index, 0, entries.len() as u32, 1);
-    }
-
-    fn cycle(&mut self, cycle: u64) {
-        self.frame(0x80, &[]);
-        for node in 1..=16 {
-            let position = (self.random() % 100_000) as u32;
-            let [a, b, c, d] = position.to_le_bytes();
-            self.frame(0x200 + node, &[0x0F, 0, a, b, c, d]);
-            let error = self.random() as u8;
-            self.frame(0x180 + node, &[0x37, 0x16, a, b, c, d, error, 0]);
-            let [e, f, ..] = (self.random() as u32).to_le_bytes();
-            self.frame(0x280 + node, &[e, f, 0, 0, f, 0]);
-        }
-        if cycle % 100 < 16 {
-            self.frame(0x701 + (cycle % 100) as u32, &[5]);
-        }
-        let node = 1 + (cycle % 16) as u32;
-        self.frame(0x600 + node, &[0x40, 0x64, 0x60, 0, 0, 0, 0, 0]);
-        self.frame(0x580 + node, &[0x43, 0x64, 0x60, 0, 1, 2, 3, 4]);
-    }
-}
-
-/// A log of that many frames, nearly.
-pub fn log(frames: usize) -> String {
-    let mut log = Log {
-        text: String::new(),
-        us: 1_700_000_000_000_000,
-        frames: 0,
-        seed: 88_172_645_463_325_252,
-    };
-    for node in 1..=16 {
-        log.map(node, 0x1600, &[0x6040_0010, 0x607A_0020]);
-        log.map(node, 0x1A00, &[0x6041_0010, 0x6064_0020, 0x60F4_0010]);
-        log.map(node, 0x1A01, &[0x606C_0020, 0x6077_0010]);
-    }
-    let mut cycle = 0;
-    while log.frames < frames {
-        log.cycle(cycle);
-        cycle += 1;
-    }
-    log.text
-}
-
-/// A decoder with a stated protocol.
-pub fn stated() -> CaptureDecoder {
-    CaptureDecoder::new(Rules::parse("canopen").unwrap_or_default())
+/// A decoder of a log whose protocol is stated.
+pub fn stated(kind: LogKind) -> CaptureDecoder {
+    CaptureDecoder::new(Rules::parse(kind.protocol).expect("a protocol"))
 }
 
 /// Reads all lines.

@@ -592,7 +592,7 @@ impl PduExplainer {
 
     fn find_parameter(&self, space: Space, address: u16) -> Option<&'static Parameter> {
         let parameters = self.profile?.parameters;
-        parameters.iter().find(|p| p.space == space.number() && p.index == address)
+        parameters.get(conversation::find_position(parameters, space, address)?)
     }
 
     /// `Fn_33 internal speed` or `holding register 0x0033`, and how many more.

@@ -35,10 +35,15 @@ impl ModbusDissector {
         frame: &RawFrame<'_>,
         talk: &ConversationContext<'_>,
     ) -> FrameRole {
-        let mut store = [0; rtu::ADU_MAX];
-        let Some((unit, pdu)) = self.decode_frame(frame.bytes, &mut store) else {
-            return FrameRole::Unrelated;
+        let mut store;
+        let decoded = match self.0 {
+            WireFormat::Rtu => rtu::decode(frame.bytes).ok(),
+            WireFormat::Ascii | WireFormat::Tcp => {
+                store = [0; rtu::ADU_MAX];
+                self.decode_frame(frame.bytes, &mut store)
+            }
         };
+        let Some((unit, pdu)) = decoded else { return FrameRole::Unrelated };
         let asks = match talk.direction {
             Some(direction) => direction == Direction::ToDrive,
             // A write's reply repeats it: which comes second is the reply.
@@ -90,36 +95,24 @@ impl ModbusDissector {
     /// A reply has its request's station and function, and as much data as was asked for or the
     /// address that was written. On TCP it repeats the transaction too.
     pub(super) fn answers_request(self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
+        if self.0 == WireFormat::Rtu {
+            if !is_alike(frame.bytes, request.bytes) {
+                return false;
+            }
+            return match (rtu::decode(frame.bytes), rtu::decode(request.bytes)) {
+                (Ok((_, reply)), Ok((_, request_pdu))) => is_reply_to(reply, request_pdu),
+                _ => false,
+            };
+        }
         let (mut one, mut other) = ([0; rtu::ADU_MAX], [0; rtu::ADU_MAX]);
-        let (Some((from, reply)), Some((to, request_bytes))) = (
+        let (Some((from, reply)), Some((to, request_pdu))) = (
             self.decode_frame(frame.bytes, &mut one),
             self.decode_frame(request.bytes, &mut other),
         ) else {
             return false;
         };
-        if from != to || reply[0] & !EXCEPTION_BIT != request_bytes[0] {
-            return false;
-        }
-        if self.0 == WireFormat::Tcp && frame.bytes[..2] != request.bytes[..2] {
-            return false;
-        }
-        match (ReplyPdu::parse(reply), RequestPdu::parse(request_bytes)) {
-            (Ok(ReplyPdu::Exception { .. }), _) => true,
-            (Ok(ReplyPdu::Read { data, .. }), Ok(RequestPdu::Read { space, count, .. })) => {
-                data.len() == space.reply_bytes(count)
-            }
-            (
-                Ok(ReplyPdu::ReadWritten { data }),
-                Ok(RequestPdu::ReadWriteRegisters { read_count, .. }),
-            ) => data.len() == 2 * usize::from(read_count),
-            (
-                Ok(ReplyPdu::WroteCoil { .. } | ReplyPdu::WroteRegister { .. }),
-                Ok(RequestPdu::WriteCoil { .. } | RequestPdu::WriteRegister { .. }),
-            )
-            | (Ok(ReplyPdu::Wrote { .. }), Ok(_)) => reply.get(1..3) == request_bytes.get(1..3),
-            (Ok(ReplyPdu::Unknown { .. }), Ok(RequestPdu::Unknown { .. })) => true,
-            _ => false,
-        }
+        let same_transaction = self.0 != WireFormat::Tcp || frame.bytes[..2] == request.bytes[..2];
+        from == to && same_transaction && is_reply_to(reply, request_pdu)
     }
 
     /// An exception that acknowledges refuses nothing.
@@ -132,6 +125,41 @@ impl ModbusDissector {
             }
             _ => None,
         }
+    }
+}
+
+/// Returns whether two frames of RTU have the same station and function: most others need no check sum.
+fn is_alike(reply: &[u8], request: &[u8]) -> bool {
+    match (reply, request) {
+        ([from, answered, ..], [to, asked, ..]) => {
+            from == to && answered & !EXCEPTION_BIT == *asked
+        }
+        _ => false,
+    }
+}
+
+/// Returns whether a reply of the station has the function of the request, and as much data as was asked for or the
+/// address that was written.
+fn is_reply_to(reply: &[u8], request: &[u8]) -> bool {
+    if reply[0] & !EXCEPTION_BIT != request[0] {
+        return false;
+    }
+    match (ReplyPdu::parse(reply), RequestPdu::parse(request)) {
+        (Ok(ReplyPdu::Exception { .. }), _) => true,
+        (Ok(ReplyPdu::Read { data, .. }), Ok(RequestPdu::Read { space, count, .. })) => {
+            data.len() == space.reply_bytes(count)
+        }
+        (
+            Ok(ReplyPdu::ReadWritten { data }),
+            Ok(RequestPdu::ReadWriteRegisters { read_count, .. }),
+        ) => data.len() == 2 * usize::from(read_count),
+        (
+            Ok(ReplyPdu::WroteCoil { .. } | ReplyPdu::WroteRegister { .. }),
+            Ok(RequestPdu::WriteCoil { .. } | RequestPdu::WriteRegister { .. }),
+        )
+        | (Ok(ReplyPdu::Wrote { .. }), Ok(_)) => reply.get(1..3) == request.get(1..3),
+        (Ok(ReplyPdu::Unknown { .. }), Ok(RequestPdu::Unknown { .. })) => true,
+        _ => false,
     }
 }
 
@@ -201,6 +229,21 @@ pub(super) fn report_values(
         values.report_request(&request);
     }
     values.close_remark();
+}
+
+fn is_of(parameter: &Parameter, space: Space, address: u16) -> bool {
+    parameter.space == space.number() && parameter.index == address
+}
+
+/// Finds the parameter of a register or coil. The tables of most drives are in the order of their registers, but for
+/// pieces: a bisection finds nearly all, and the others are looked for one by one.
+pub(super) fn find_position(parameters: &[Parameter], space: Space, address: u16) -> Option<usize> {
+    let key = (space.number(), address);
+    let at = parameters.partition_point(|p| (p.space, p.index) < key);
+    if parameters.get(at).is_some_and(|p| is_of(p, space, address)) {
+        return Some(at);
+    }
+    parameters.iter().position(|p| is_of(p, space, address))
 }
 
 /// Reports values by their parameters.
@@ -282,11 +325,10 @@ impl ValueReporter<'_> {
     /// Finds a parameter. Neighbouring registers are usually neighbours in the table.
     fn find_parameter(&mut self, space: Space, address: u16) -> Option<&'static Parameter> {
         let parameters = self.profile?.parameters;
-        let is_it = |p: &&Parameter| p.space == space.number() && p.index == address;
-        let near = tail(parameters, self.next_parameter);
-        let at = match near.first().filter(is_it) {
+        let near = tail(parameters, self.next_parameter).first();
+        let at = match near.filter(|p| is_of(p, space, address)) {
             Some(_) => self.next_parameter,
-            None => parameters.iter().position(|p| is_it(&p))?,
+            None => find_position(parameters, space, address)?,
         };
         self.next_parameter = at + 1;
         parameters.get(at)
