@@ -146,6 +146,8 @@ pub struct CaptureDecoder {
     reader: CaptureReader,
     explanation: Explanation,
     notices: Vec<SessionNotice>,
+    /// Bytes of the serial frame that is decoded.
+    piece: Vec<u8>,
     /// Frames that were given out.
     frame_count: u64,
     /// Conversations are followed.
@@ -203,6 +205,7 @@ impl CaptureDecoder {
             reader: CaptureReader::default(),
             explanation: Explanation::default(),
             notices: Vec::new(),
+            piece: Vec::new(),
             frame_count: 0,
             tracks_sessions: true,
             untracked: 0,

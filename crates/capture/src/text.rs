@@ -196,7 +196,9 @@ impl FrameTextWriter {
         });
         if let Some(ns) = exchange.filter(|_| self.style.notices != NoticeLevel::None) {
             self.begin_colour(DIM, out);
-            let _ = write!(out, "  ({})", DurationText(ns));
+            out.extend_from_slice(b"  (");
+            DurationText(ns).append_to(out);
+            out.push(b')');
             self.end_colour(out);
         }
     }
@@ -247,8 +249,9 @@ const TIME_WIDTH: usize = 13;
 #[derive(Clone, Copy, Debug)]
 pub struct DurationText(pub u64);
 
-impl core::fmt::Display for DurationText {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+impl DurationText {
+    /// Appends it.
+    pub(crate) fn append_to(self, out: &mut Vec<u8>) {
         let (size, unit) = match self.0 {
             0..1000 => (1, "ns"),
             1000..1_000_000 => (1_000, "us"),
@@ -256,12 +259,30 @@ impl core::fmt::Display for DurationText {
             _ => (1_000_000_000, "s"),
         };
         let value = self.0 as f64 / size as f64;
-        let decimals = decimals(value);
-        // A whole number takes less time than a rounded one.
-        if size == 1 || (decimals == 0 && self.0.is_multiple_of(size)) {
-            return write!(f, "{} {unit}", self.0 / size);
+        let decimals = if size == 1 { 0 } else { decimals(value) };
+        let (whole, rest) = (self.0 / size, self.0 % size);
+        let power = 10_u64.pow(decimals as u32);
+        // Half of the last digit is rounded as the nearest binary number is, by the standard library.
+        if 2 * rest * power % (2 * size) == size {
+            let _ = write!(out, "{value:.decimals$}");
+        } else {
+            let shown = whole * power + (2 * rest * power + size) / (2 * size);
+            number_text::append_unsigned(shown / power, out);
+            if decimals > 0 {
+                out.push(b'.');
+                number_text::append_padded(shown % power, decimals, b'0', out);
+            }
         }
-        write!(f, "{value:.decimals$} {unit}")
+        out.push(b' ');
+        out.extend_from_slice(unit.as_bytes());
+    }
+}
+
+impl core::fmt::Display for DurationText {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let mut text = Vec::new();
+        self.append_to(&mut text);
+        f.write_str(&String::from_utf8_lossy(&text))
     }
 }
 

@@ -55,7 +55,10 @@ impl CaptureDecoder {
             let flow = &mut wire.flows[direction_index(direction)];
             let Some(piece) = flow.next_piece(&wire.rules, direction, ended) else { return };
             let origin = flow.origin();
-            let bytes = flow.consume(piece.len).to_vec();
+            // Into the memory of the frame before.
+            let mut bytes = core::mem::take(&mut self.piece);
+            bytes.clear();
+            bytes.extend_from_slice(flow.consume(piece.len));
             let glued = !flow.pending().is_empty();
             self.decode_piece(
                 at,
@@ -64,6 +67,7 @@ impl CaptureDecoder {
                 PieceContext { origin, direction, more_follows: glued },
                 out,
             );
+            self.piece = bytes;
         }
     }
 

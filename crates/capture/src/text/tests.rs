@@ -81,3 +81,27 @@ fn spans_have_three_digits() {
         ["999 ns", "1.23 us", "45.7 us", "812 us", "2.10 ms", "18.8 ms", "310 ms", "1.50 s"];
     assert_eq!(shown, expected);
 }
+
+/// Durations are put together from integers, and read as the standard library rounds their quotient.
+#[test]
+fn durations_are_rounded_as_real_numbers_are() {
+    let powers = (0..14).map(|n| 10_u64.pow(n));
+    let near =
+        powers.flat_map(|n| [n - 1, n, n + 1, 5 * n, 5 * n / 2, 125 * n / 10, n * 2135 / 100]);
+    for ns in near.chain((0..20_000).map(|n| n * 499)).chain((0..20_000).map(|n| n * 4_999_995)) {
+        let (size, unit) = match ns {
+            0..1000 => (1, "ns"),
+            1000..1_000_000 => (1_000, "us"),
+            1_000_000..1_000_000_000 => (1_000_000, "ms"),
+            _ => (1_000_000_000, "s"),
+        };
+        let value = ns as f64 / size as f64;
+        let decimals = match value {
+            _ if size == 1 => 0,
+            ..10.0 => 2,
+            ..100.0 => 1,
+            _ => 0,
+        };
+        assert_eq!(DurationText(ns).to_string(), format!("{value:.decimals$} {unit}"), "{ns}");
+    }
+}

@@ -1,5 +1,6 @@
 //! Open requests, and the frames that complete them.
 
+mod acknowledgement;
 mod candidate;
 mod expiry;
 
@@ -41,6 +42,8 @@ const FIRST_REQUESTS: u32 = 2;
 pub(super) struct Pairing {
     /// The newest is the last.
     requests: VecDeque<TrackedRequest>,
+    /// A request that is over, whose buffers the next one gets.
+    spare: Option<TrackedRequest>,
     operations: Vec<InternedName>,
     /// Last request of each axis that defines the format of its replies.
     format_requests: Vec<(u32, FrameBytes)>,
@@ -298,67 +301,11 @@ impl Pairing {
                 RequestState::Settled
                     if same_axis && (!request.doubtful || request.is_late(observed.time)) =>
                 {
-                    self.requests.remove(at);
+                    self.spare = self.requests.remove(at);
                 }
                 _ => {}
             }
         }
-    }
-
-    /// The next message came before the acknowledgement of this one.
-    fn report_unacknowledged(
-        &mut self,
-        at: usize,
-        now: Option<Timestamp>,
-        notices: &mut Vec<SessionNotice>,
-    ) {
-        let request = &mut self.requests[at];
-        if request.awaits.answers == ReplyCount::Zero {
-            return self.give_up_request(at, now, notices);
-        }
-        // Its answer may still come.
-        request.awaits.acks = ReplyCount::Zero;
-        let text = format!("{}: not acknowledged", request.description());
-        notices.push(anomaly(AnomalyKind::MissingAck, request.exchange.axis, text));
-    }
-
-    /// Takes an acknowledgement: of the oldest message that waits for one.
-    pub fn handle_acknowledge(
-        &mut self,
-        observed: &ObservedFrame<'_>,
-        notices: &mut Vec<SessionNotice>,
-    ) -> Quality {
-        self.note_start(observed.time);
-        self.acks += 1;
-        // The oldest: an acknowledgement carries no address, and a line keeps its order (TML on RS-232).
-        let Some(request) = self.requests.iter_mut().find(waits_for_ack) else {
-            if let Some(request) = self.last_acknowledged(observed.time) {
-                let text = format!("{}: acknowledged twice", request.description());
-                notices.push(anomaly(AnomalyKind::DuplicateReply, request.exchange.axis, text));
-            } else if self.is_past_start(observed.time) {
-                let text = "an acknowledgement that no message waits for".to_owned();
-                notices.push(anomaly(AnomalyKind::ForeignReply, None, text));
-            }
-            return Quality::Good;
-        };
-        request.acks = 1;
-        if request.awaits.answers == ReplyCount::Zero {
-            let late = request.is_late(observed.time);
-            request.state = RequestState::Settled;
-            request.exchange.answered = Some((observed.number, observed.time));
-            request.exchange.outcome =
-                if late { ExchangeOutcome::Late } else { ExchangeOutcome::Done };
-            notices.push(SessionNotice::Exchange(request.exchange));
-        }
-        Quality::Good
-    }
-
-    /// The last message, if it was acknowledged a moment ago: a device that repeats it intends that.
-    fn last_acknowledged(&self, now: Option<Timestamp>) -> Option<&TrackedRequest> {
-        let last = self.requests.back().filter(|request| request.acks > 0)?;
-        let soon =
-            now.zip(last.last_sent).is_none_or(|(now, sent)| now.since(sent) <= last.limit_ns);
-        soon.then_some(last)
     }
 
     /// Handles a reply, or a possible unsolicited report.
@@ -429,7 +376,9 @@ impl Pairing {
             let axis = self.requests[at].exchange.axis;
             let request = &mut self.requests[earlier];
             let fits = || observed.dissector.is_answer_to(&observed.raw, &request.frame.raw());
-            if request.exchange.axis != axis || !fits() {
+            // Nothing of it changes any more.
+            let is_over = request.overtaken && !request.doubtful && !request.awaits_answer();
+            if request.exchange.axis != axis || is_over || !fits() {
                 continue;
             }
             (request.overtaken, request.doubtful) = (true, false);
@@ -612,9 +561,10 @@ impl Pairing {
                 let now = self.requests[at].last_sent;
                 self.give_up_request(at, now, notices);
             }
-            if let Some(request) = self.requests.remove(at) {
-                return request;
-            }
+            self.spare = self.requests.remove(at);
+        }
+        if let Some(request) = self.spare.take() {
+            return request;
         }
         TrackedRequest {
             exchange: ExchangeNotice {
@@ -668,12 +618,6 @@ impl Pairing {
 
 fn is_past_limit(now: Timestamp, began: Timestamp) -> bool {
     now.since(began) > LIMIT_MIN
-}
-
-fn waits_for_ack(request: &&mut TrackedRequest) -> bool {
-    request.state == RequestState::Open
-        && request.awaits.acks != ReplyCount::Zero
-        && request.acks == 0
 }
 
 fn deadline(request: &TrackedRequest) -> Option<Timestamp> {
