@@ -21,7 +21,7 @@ MODULE := lib_polepair.$(if $(filter Darwin,$(shell uname)),dylib,so)
 SITE = $(shell $(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 
 .PHONY: demo test installing-steps checking-steps process-steps client-steps unit-step page-step \
-	windows-step wine-step documentation-steps check quick-tests lints features dependencies spelling build packages web \
+	windows-step wine-step documentation-steps check quick-tests instructions lints features dependencies spelling build packages web \
 	page-units page page-tests site site-pages interop windows windows-tests windows-program windows-files macos \
 	package python python-tests python-command wheel deb dist try-dist swarm threads soak bench coverage release clean
 
@@ -76,13 +76,18 @@ documentation-steps: windows-step
 	@$(STEP) "documentation" $(MAKE) site-pages
 	@$(STEP) "doc tests" $(CARGO) test $(WORKSPACE) --doc
 
-## check: format, lints, licences, spelling, unit tests (tidiness and generated files are among them), captures mutated for seconds
+## check: format, lints, licences, spelling, unit tests (tidiness and generated files are among them), captures mutated for seconds, instructions for each decoded frame
 check:
 	@$(MAKE) --no-print-directory -j2 --output-sync=target quick-tests lints dependencies spelling
+	@$(MAKE) --no-print-directory instructions
 
 # They are built first, and run beside the lints.
 quick-tests:
 	POLEPAIR_SEEDS=100 POLEPAIR_READER_SECONDS=0.5 $(CARGO) test $(WORKSPACE) --lib --bins --test readers
+
+# Left out where valgrind is not installed, and with another compiler than that of the committed counts.
+instructions:
+	$(CARGO) run --locked --quiet --package xtask -- instructions
 
 lints:
 	$(CARGO) fmt --all --check

@@ -6,6 +6,7 @@ mod catalogue_pages;
 mod codegen;
 mod command_pages;
 mod gateway;
+mod instructions;
 mod key_pages;
 mod language;
 mod links;
@@ -24,6 +25,7 @@ const USAGE: &str = "\
 usage: cargo xtask COMMAND
   codegen [--check]   profiles/*.toml as Rust constants and drive pages, or what is stale
   tidy                the architecture's never-rules, checked
+  instructions [--write]  instructions for each frame of the bench's logs, counted by valgrind
   links DIR           the links of the documentation that `make site` built, checked
   man DIR             the command line's man pages, written into a folder
   picture             a terminal's output on stdin as an SVG picture on stdout
@@ -38,6 +40,8 @@ fn main() -> ExitCode {
         ["codegen"] => codegen::run(&root(), false),
         ["codegen", "--check"] => codegen::run(&root(), true),
         ["tidy"] => tidy::run(&root()).map(|names| println!("{names}")),
+        ["instructions"] => instructions::run(&root(), false),
+        ["instructions", "--write"] => instructions::run(&root(), true),
         ["links", site] => links::run(Path::new(site)),
         ["man", folder] => man::run(Path::new(folder)),
         ["picture"] => picture::run(),

@@ -1,6 +1,6 @@
 //! Lowest cost of a frame of one of the bench's logs: the least disturbed of many short runs. The first argument is
 //! the name of the log. With a number as the second: that many frames of it, to stdout, for what the program itself
-//! costs.
+//! costs. With `text` or `summary` as the third, these frames are decoded so, once.
 
 #[path = "../benches/work/mod.rs"]
 mod work;
@@ -36,7 +36,13 @@ fn main() {
         }
     };
     if let Some(frames) = args.next().and_then(|frames| frames.parse().ok()) {
-        return print!("{}", kind.log(frames));
+        let log = kind.log(frames);
+        return match args.next().as_deref() {
+            None => print!("{log}"),
+            Some("text") => println!("{}", text(&log, stated(kind), 1)),
+            Some("summary") => println!("{}", summary(&log, stated(kind))),
+            Some(_) => println!("{}", log.len()),
+        };
     }
     let (short, long) = (kind.log(SHORT), kind.log(LONG));
     best("read", &short, 400, parse);
