@@ -71,10 +71,12 @@ pub struct FrameTemplate {
     pub protocol: &'static str,
     /// Sender of the frames.
     pub direction: Option<Direction>,
-    /// CAN identifier of 11 bits.
-    pub id: u32,
+    /// CAN identifier of 11 bits; `None` on a serial line.
+    pub id: Option<u32>,
     /// Number of bytes they have.
     pub len: u8,
+    /// Bytes of frames of a serial line, which are all the same; empty on CAN.
+    pub serial: Box<[u8]>,
 }
 
 /// Content of frames that change nothing.
@@ -255,40 +257,82 @@ impl FrameBatch {
         source: (ContentRef<'_>, &Arc<str>, &'static str),
     ) -> bool {
         let (says, link, protocol) = source;
-
-        let Some(time) = record.time else { return false };
         let direction = record.direction;
-        let same = |known: &FrameTemplate| {
+        let is_same = |known: &FrameTemplate| {
             says.matches(&known.content)
-                && (known.id, known.len, known.direction) == (frame.id, frame.len, direction)
+                && (known.id, known.len, known.direction) == (Some(frame.id), frame.len, direction)
                 && Arc::ptr_eq(&known.link, link)
         };
+        let make = || FrameTemplate {
+            content: says.to_content(),
+            link: Arc::clone(link),
+            protocol,
+            direction,
+            id: Some(frame.id),
+            len: frame.len,
+            serial: Box::default(),
+        };
+        self.set_template(voice, is_same, make)
+            && self.push_with(record, number, *voice, u64::from_le_bytes(frame.data))
+    }
+
+    /// Adds a frame of a serial line that has the same bytes as an earlier one, as
+    /// [`push_compact`](Self::push_compact) does one of CAN.
+    pub(crate) fn push_serial(
+        &mut self,
+        record: &Record<'_>,
+        number: u64,
+        bytes: &[u8],
+        voice: &mut u16,
+        source: (&Arc<Explanation>, &Arc<str>, &'static str),
+    ) -> bool {
+        let (explained, link, protocol) = source;
+        let says = ContentRef::Constant(explained);
+        let direction = record.direction;
+        let is_same = |known: &FrameTemplate| {
+            says.matches(&known.content)
+                && (known.id, known.direction) == (None, direction)
+                && Arc::ptr_eq(&known.link, link)
+        };
+        let make = || FrameTemplate {
+            content: says.to_content(),
+            link: Arc::clone(link),
+            protocol,
+            direction,
+            id: None,
+            len: bytes.len() as u8,
+            serial: bytes.into(),
+        };
+        self.set_template(voice, is_same, make) && self.push_with(record, number, *voice, 0)
+    }
+
+    /// Finds or adds the template of a frame; false if there is no room for one.
+    #[inline]
+    fn set_template(
+        &mut self,
+        voice: &mut u16,
+        is_same: impl FnOnce(&FrameTemplate) -> bool,
+        make: impl FnOnce() -> FrameTemplate,
+    ) -> bool {
         // By address and not by content: equal templates are rare, comparing them is not cheap.
-        if !self.templates.get(usize::from(*voice)).is_some_and(same) {
-            if self.templates.len() == TEMPLATES_MAX {
-                return false;
-            }
-            debug_assert!(self.templates.len() < TEMPLATES_MAX);
-            *voice = self.templates.len() as u16;
-            let (template_content, link) = (says.to_content(), Arc::clone(link));
-            let Frame { id, len, .. } = *frame;
-            self.templates.push(FrameTemplate {
-                content: template_content,
-                link,
-                protocol,
-                direction,
-                id,
-                len,
-            });
+        if self.templates.get(usize::from(*voice)).is_some_and(is_same) {
+            return true;
         }
-        let (voice, data) = (*voice, u64::from_le_bytes(frame.data));
-        self.compact.push(CompactFrame {
-            template: voice,
-            data,
-            number,
-            time,
-            offset: record.offset,
-        });
+        if self.templates.len() == TEMPLATES_MAX {
+            return false;
+        }
+        debug_assert!(self.templates.len() < TEMPLATES_MAX);
+        *voice = self.templates.len() as u16;
+        self.templates.push(make());
+        true
+    }
+
+    /// Adds a frame of a template; false without a time.
+    #[inline]
+    fn push_with(&mut self, record: &Record<'_>, number: u64, template: u16, data: u64) -> bool {
+        let Some(time) = record.time else { return false };
+        let offset = record.offset;
+        self.compact.push(CompactFrame { template, data, number, time, offset });
         true
     }
 }
@@ -304,7 +348,7 @@ impl FrameTemplate {
     }
 
     /// Gives a frame as any other.
-    pub(crate) fn expand(&self, plain: &CompactFrame, each: &mut dyn FnMut(&DecodedFrame<'_>)) {
+    pub fn expand(&self, plain: &CompactFrame, each: &mut dyn FnMut(&DecodedFrame<'_>)) {
         self.expand_with(plain, &mut FrameBuffers::default(), each);
     }
 
@@ -316,7 +360,7 @@ impl FrameTemplate {
     ) {
         let FrameBuffers { explanation, notices } = buffers;
         let data = plain.data.to_le_bytes();
-        let bytes = &data[..usize::from(self.len)];
+        let bytes = if self.id.is_some() { &data[..usize::from(self.len)] } else { &self.serial };
         notices.clear();
         let explained = match &self.content {
             TemplateContent::Constant(explained) => &**explained,
@@ -336,7 +380,7 @@ impl FrameTemplate {
             direction: self.direction,
             protocol: Some(self.protocol),
             bytes,
-            id: Some(self.id),
+            id: self.id,
             extended: false,
             remote: false,
             remote_len: 0,

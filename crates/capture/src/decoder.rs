@@ -25,7 +25,7 @@ use crate::session::{LinkSession, SessionNotice, error_frame_notice};
 use crate::stream::SerialFlow;
 use crate::timestamp::Timestamp;
 use detecting::CoveredIds;
-use repeat_cache::RepeatCache;
+use repeat_cache::{CanKey, RepeatCache, SerialKey};
 pub(crate) use route::profile_speaks;
 use route::{FrameRoute, RouteTable, RuleExplainer, StatedProfiles, claiming_rule};
 
@@ -180,7 +180,8 @@ struct LinkDecoder {
     rules: Vec<Rule>,
     covered: CoveredIds,
     routes: RouteTable,
-    repeats: RepeatCache,
+    repeats: RepeatCache<CanKey>,
+    serial_repeats: RepeatCache<SerialKey>,
     flows: [SerialFlow; 3],
     conversation: Conversation,
     session: LinkSession,
@@ -271,7 +272,8 @@ impl CaptureDecoder {
 
     fn forget_routes(&mut self) {
         for wire in &mut self.links {
-            (wire.routes, wire.repeats) = (RouteTable::default(), RepeatCache::default());
+            wire.routes = RouteTable::default();
+            (wire.repeats, wire.serial_repeats) = Default::default();
         }
     }
 
@@ -490,6 +492,7 @@ impl CaptureDecoder {
                 covered: CoveredIds::default(),
                 routes: RouteTable::default(),
                 repeats: RepeatCache::default(),
+                serial_repeats: RepeatCache::default(),
                 flows: Default::default(),
                 conversation: Conversation::with_echo(echoes),
                 session: LinkSession::new(name),
@@ -558,10 +561,10 @@ impl CaptureDecoder {
             } else if by_id
                 && follows
                 && self.explanation.error.is_none()
-                && is_standard_data(frame)
-                && session.is_repeatable(dissector.name(), frame.id)
+                && session.is_repeatable(dissector, frame)
+                && let Some(key) = repeat_cache::can_key(frame, record.direction)
             {
-                repeats.record(frame, record.direction, lane, &self.explanation);
+                repeats.record(key, &raw, lane, &self.explanation);
             }
             Some(lane)
         });
@@ -585,13 +588,10 @@ fn raw_frame(frame: &Frame) -> RawFrame<'_> {
     RawFrame { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended }
 }
 
-/// Returns whether it has an identifier of 11 bits, and bytes.
-const fn is_standard_data(frame: &Frame) -> bool {
-    !frame.extended && !frame.remote
-}
-
 const DIRECTIONS: [Option<Direction>; 3] =
     [Some(Direction::ToDrive), Some(Direction::ToHost), None];
 
+#[cfg(test)]
+mod batch_tests;
 #[cfg(test)]
 mod tests;

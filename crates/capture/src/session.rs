@@ -467,10 +467,13 @@ impl LinkSession {
         }
     }
 
-    /// Returns whether the meaning of frames with that identifier of 11 bits depends on their bytes alone, on a link
-    /// with that protocol alone.
-    pub fn is_repeatable(&self, protocol: InternedName, id: u32) -> bool {
-        matches!(&self.trackers[..], [(name, only)] if *name == protocol && only.is_repeatable(id))
+    /// Returns whether the meaning of a frame with an identifier of 11 bits depends on its bytes alone, on a link with
+    /// its protocol alone.
+    pub fn is_repeatable(&self, dissector: &dyn Dissector, frame: &Frame) -> bool {
+        let [(name, only)] = &self.trackers[..] else { return false };
+        let raw = RawFrame { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended };
+        *name == dissector.name()
+            && (only.is_repeatable(frame.id) || dissector.is_plain_request(&raw))
     }
 
     /// The protocol that the capture gave a CAN identifier to, beside those that are its own.

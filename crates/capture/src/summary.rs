@@ -148,6 +148,7 @@ struct FramePlace {
 struct TemplatePlace {
     frame: FramePlace,
     protocol: InternedName,
+    on_can: bool,
     frames: u64,
     /// Index of each value of process data; `None` without room for it.
     values: Vec<Option<usize>>,
@@ -189,7 +190,7 @@ impl Summary {
         }
         for place in places.into_iter().flatten() {
             let link = self.links.value_mut(place.frame.link);
-            link.can = true;
+            link.can |= place.on_can;
             *link.protocols.entry(place.protocol).or_default() += place.frames;
         }
     }
@@ -205,7 +206,7 @@ impl Summary {
             let mapped = process.mapping().mapped_values().iter();
             values.extend(mapped.map(|mapped| self.values.number((who, mapped.name), VALUES_MAX)));
         }
-        TemplatePlace { frame: place, protocol, frames: 0, values }
+        TemplatePlace { frame: place, protocol, on_can: template.id.is_some(), frames: 0, values }
     }
 
     fn add_compact(
@@ -216,7 +217,7 @@ impl Summary {
     ) {
         place.frames += 1;
         let (bits, bytes) = (load::compact_bits(template, frame), template.len.into());
-        self.count_frame(place.frame, Some(frame.time), bytes, bits, true);
+        self.count_frame(place.frame, Some(frame.time), bytes, bits, place.on_can);
         let Some(process) = template.process_data() else { return };
         let (quality, mut at) = (process.quality(), 0);
         process.mapping().for_each_signal(frame.data, |mapped, exact, value| {

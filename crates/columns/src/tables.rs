@@ -93,8 +93,14 @@ impl TablesBuilder {
             );
             templates
         });
+        // Frames of serial lines are longer than a number, and rare where columns have to be fast.
+        let has_serial = batch.templates().iter().any(|template| template.id.is_none());
         for decoded in batch.runs() {
             match decoded {
+                FrameRun::Compact(run) if has_serial => run.iter().for_each(|plain| {
+                    let template = &batch.templates()[usize::from(plain.template)];
+                    template.expand(plain, &mut |event| self.add_event(event));
+                }),
                 FrameRun::Compact(run) => {
                     frames.iter().for_each(|protocol| self.frames.push_plain(run, protocol));
                     signals.iter().for_each(|templates| self.signals.push_plain(run, templates));

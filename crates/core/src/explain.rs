@@ -348,6 +348,13 @@ pub trait FrameConversation {
         frame.id.is_none()
     }
 
+    /// Returns whether a CAN frame is a request by its identifier, and its explanation depends on nothing but its
+    /// bytes: then it is the same for each frame with these bytes.
+    fn is_plain_request(&self, frame: &RawFrame<'_>) -> bool {
+        let _ = frame;
+        false
+    }
+
     /// Returns whether the frame itself shows that it replies to `request`. If none does, a reply on a serial line
     /// belongs to the last request.
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {

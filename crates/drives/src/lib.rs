@@ -156,5 +156,6 @@ pub fn assumed_profile(dissector: &dyn Dissector) -> Option<&'static Profile> {
     if !dissector.explains_by_name() {
         return None;
     }
-    profiles().iter().find(|profile| profile.protocol == dissector.language()).copied()
+    let language = dissector.language();
+    profiles().iter().find(|profile| profile.protocol == language).copied()
 }

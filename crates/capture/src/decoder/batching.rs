@@ -3,8 +3,10 @@
 //!
 //! Why: DEC-3, DEC-6.
 
+use polepair_core::explain::{Direction, RawFrame};
 use polepair_core::medium::Frame;
 
+use super::repeat_cache::{can_key, serial_key};
 use super::{CaptureDecoder, DecodedFrame, LinkDecoder};
 use crate::batch::{ContentRef, FrameBatch};
 use crate::read::LineScan;
@@ -119,6 +121,15 @@ impl CaptureDecoder {
             }
             return;
         }
+        if let RecordData::Bytes(bytes) = record.data
+            && let Some(at) = wire
+            && self.batch_serial_repeat(at, record, bytes, batch)
+        {
+            if batch.is_full() {
+                flush_batch(self.layout, batch, full);
+            }
+            return;
+        }
         let mut head = self.layout;
         self.decode_record(record, &mut |event| store_frame(event, &mut head, batch, full));
         self.layout = head;
@@ -155,9 +166,10 @@ impl CaptureDecoder {
         batch: &mut FrameBatch,
     ) -> bool {
         let LinkDecoder { name, repeats, conversation, session, .. } = &mut self.links[at];
-        let Some(known) = repeats.find(frame, record.direction) else { return false };
+        let key = can_key(frame, record.direction);
+        let Some(known) = key.and_then(|key| repeats.find(&key)) else { return false };
         let protocol = known.route.dissector.name();
-        if !session.is_repeatable(protocol, frame.id) {
+        if !session.is_repeatable(known.route.dissector, frame) {
             return false;
         }
         self.frame_count += 1;
@@ -185,6 +197,55 @@ impl CaptureDecoder {
             Some(protocol),
             statement,
         );
+        self.layout.include(event.time, event.link, event.protocol);
+        batch.push_stored(&event);
+        true
+    }
+}
+
+impl CaptureDecoder {
+    /// Returns whether the bytes of a serial line are a request that came before in the same bytes; then its
+    /// conversation takes it, and it is put into the batch.
+    fn batch_serial_repeat(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        bytes: &[u8],
+        batch: &mut FrameBatch,
+    ) -> bool {
+        let LinkDecoder { name, flows, serial_repeats, conversation, session, .. } =
+            &mut self.links[at];
+        // Bytes that wait for more, and a record without a time, end frames elsewhere.
+        let is_cut = flows.iter().any(|flow| !flow.pending().is_empty());
+        if is_cut || record.time.is_none() || record.direction != Some(Direction::ToDrive) {
+            return false;
+        }
+        let key = serial_key(bytes);
+        let Some(known) = key.and_then(|key| serial_repeats.find(&key)) else { return false };
+        let protocol = known.route.dissector.name();
+        self.frame_count += 1;
+        self.explanation.copy_from(&known.explanation);
+        self.notices.clear();
+        let raw = RawFrame { bytes, ..RawFrame::default() };
+        conversation.push_request(&raw);
+        let observed = known.route.observe_raw(self.frame_count, record, raw);
+        session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
+        if self.notices.is_empty() && self.explanation.is_same_as(&known.explanation) {
+            let whose = (&known.explanation, &*name, protocol);
+            if batch.push_serial(record, self.frame_count, bytes, &mut known.template, whose) {
+                return true;
+            }
+        }
+        let event = DecodedFrame {
+            number: self.frame_count,
+            time: record.time,
+            direction: record.direction,
+            protocol: Some(protocol),
+            bytes,
+            notices: &self.notices,
+            offset: record.offset,
+            ..DecodedFrame::empty(name, &self.explanation)
+        };
         self.layout.include(event.time, event.link, event.protocol);
         batch.push_stored(&event);
         true

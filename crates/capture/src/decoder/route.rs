@@ -37,15 +37,30 @@ impl FrameRoute {
         error: Option<WireError>,
     ) -> ObservedFrame<'a> {
         ObservedFrame {
+            remote: frame.remote,
+            defect: error.map(FrameDefect::Wire),
+            deferred: self.deferred_axis.is_some(),
+            ..self.observe_raw(number, record, super::raw_frame(frame))
+        }
+    }
+
+    /// Converts a frame without a defect, of any medium, for its tracker.
+    pub fn observe_raw<'a>(
+        &self,
+        number: u64,
+        record: &Record<'_>,
+        raw: RawFrame<'a>,
+    ) -> ObservedFrame<'a> {
+        ObservedFrame {
             number,
             time: record.time,
             direction: record.direction,
-            raw: super::raw_frame(frame),
-            remote: frame.remote,
+            raw,
+            remote: false,
             echo: false,
-            defect: error.map(FrameDefect::Wire),
+            defect: None,
             stray: false,
-            deferred: self.deferred_axis.is_some(),
+            deferred: false,
             dissector: self.dissector,
             profile: self.profile,
             profile_stated: self.profile_stated,

@@ -3,6 +3,8 @@
 use polepair_core::error::WireError;
 use polepair_core::explain::{Context, ConversationContext, Direction, Dissector, RawFrame};
 
+use super::repeat_cache::serial_key;
+use super::route::FrameRoute;
 use super::{CaptureDecoder, DIRECTIONS, DecodedFrame, FrameCallback, LinkDecoder};
 use crate::defect::FrameDefect;
 use crate::explanation::Explanation;
@@ -17,6 +19,8 @@ struct PieceContext {
     direction: Option<Direction>,
     /// More bytes follow it in the same chunk.
     more_follows: bool,
+    /// Nothing but these bytes decided where the piece ends.
+    is_alone: bool,
 }
 
 impl CaptureDecoder {
@@ -64,7 +68,7 @@ impl CaptureDecoder {
                 at,
                 &bytes,
                 &piece,
-                PieceContext { origin, direction, more_follows: glued },
+                PieceContext { origin, direction, more_follows: glued, is_alone: !glued && !ended },
                 out,
             );
             self.piece = bytes;
@@ -80,8 +84,9 @@ impl CaptureDecoder {
         out: FrameCallback<'_>,
     ) {
         self.frame_count += 1;
-        let LinkDecoder { name, rules, conversation, session, .. } = &mut self.links[at];
-        let PieceContext { origin: ChunkOrigin { time, offset }, direction, more_follows } =
+        let LinkDecoder { name, rules, serial_repeats, conversation, session, .. } =
+            &mut self.links[at];
+        let PieceContext { origin: ChunkOrigin { time, offset }, direction, more_follows, .. } =
             piece_context;
         let rule = rules.get(piece.rule);
         let whole = piece.kind == PieceKind::Frame;
@@ -135,6 +140,22 @@ impl CaptureDecoder {
         }
         self.notices.clear();
         if let Some(rule) = rule.filter(|_| self.tracks_sessions) {
+            let is_request = piece_context.direction == Some(Direction::ToDrive) && asks;
+            if whole
+                && is_request
+                && piece_context.is_alone
+                && wrong.is_none()
+                && let Some(key) = serial_key(bytes)
+            {
+                let route = FrameRoute {
+                    dissector: rule.dissector,
+                    profile,
+                    profile_stated: stated.is_some(),
+                    deferred_axis: None,
+                    template: 0,
+                };
+                serial_repeats.record(key, &raw, route, &self.explanation);
+            }
             let observed = ObservedFrame {
                 number: self.frame_count,
                 time,

@@ -109,6 +109,7 @@ pub(super) fn frame_bits(event: &DecodedFrame<'_>) -> u64 {
 /// Bits of a compact frame.
 pub(super) fn compact_bits(template: &FrameTemplate, frame: &CompactFrame) -> u64 {
     let FrameTemplate { id, len, .. } = *template;
+    let Some(id) = id else { return u64::from(len) * BITS_PER_BYTE };
     let data = frame.data.to_le_bytes();
     bits::wire_bits(&Frame { id, extended: false, remote: false, len, data }).into()
 }

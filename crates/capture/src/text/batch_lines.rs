@@ -14,8 +14,8 @@ use crate::session::canopen::ProcessText;
 struct LineTemplate<'a> {
     /// Text between the time and the bytes.
     prefix: TextPiece,
-    /// Columns from the identifier's end to the meaning.
-    bytes_width: usize,
+    /// Columns from the identifier's end to the meaning; `None` where they are a part of the prefix.
+    bytes_width: Option<usize>,
     /// Bytes of its frames.
     len: u8,
     suffix: LineSuffix<'a>,
@@ -118,17 +118,32 @@ impl<'a> LineTemplate<'a> {
         });
         append_padded(protocol_word(Some(voice.protocol)), head.protocol_width, &mut front);
         front.extend_from_slice(b"  ");
+        let Some(id) = voice.id else { return Self::of_serial(voice, front) };
         front.extend_from_slice(
-            &voice.id.to_be_bytes().map(crate::number_text::hex_digits).as_flattened()[5..],
+            &id.to_be_bytes().map(crate::number_text::hex_digits).as_flattened()[5..],
         );
         front.push(b'#');
         let shown = (3 * usize::from(voice.len)).saturating_sub(1);
         let bytes = (shown + ID).max(BYTES_WIDTH) + 2 - ID;
         let (front, len, words) =
             (TextPiece::new(&front), voice.len, LineSuffix::new(&voice.content)?);
-        let line = Self { prefix: front, bytes_width: bytes, len, suffix: words };
-        let capacity = line.prefix.len() + 3 * LineBuffer::NUMBER_MAX + line.suffix.len_max();
-        (capacity <= LineBuffer::LINE_MAX).then_some(line)
+        Self { prefix: front, bytes_width: Some(bytes), len, suffix: words }.checked()
+    }
+
+    /// The line of frames of a serial line: all of it is the same.
+    fn of_serial(voice: &'a FrameTemplate, mut front: Vec<u8>) -> Option<Self> {
+        let begin = front.len();
+        crate::text::append_spaced_hex(&mut front, &voice.serial);
+        let width = (front.len() - begin).max(BYTES_WIDTH) + 2;
+        front.resize(begin + width, b' ');
+        let suffix = LineSuffix::new(&voice.content)?;
+        Self { prefix: TextPiece::new(&front), bytes_width: None, len: voice.len, suffix }.checked()
+    }
+
+    /// The line, if a page has room for it.
+    fn checked(self) -> Option<Self> {
+        let capacity = self.prefix.len() + 3 * LineBuffer::NUMBER_MAX + self.suffix.len_max();
+        (capacity <= LineBuffer::LINE_MAX).then_some(self)
     }
 
     /// Puts a line down; false where it has words that have to be put together first.
@@ -148,7 +163,9 @@ impl<'a> LineTemplate<'a> {
         let hex = HexColumns::new(plain.data, self.len);
         page.push_time(since);
         page.push_piece(&self.prefix);
-        page.push_hex(hex, self.bytes_width);
+        if let Some(width) = self.bytes_width {
+            page.push_hex(hex, width);
+        }
         let matches = self.suffix.append(plain.data, hex, page);
         if !matches {
             page.rewind(begin);

@@ -155,7 +155,7 @@ impl FrameRows {
                 bus: self.bus.dictionary.number(&voice.link),
                 direction: voice.direction.map(direction_code),
                 protocol: self.protocol.dictionary.number_of_static(protocol_word(voice.protocol)),
-                id: voice.id.cast_signed(),
+                id: voice.id.unwrap_or(0).cast_signed(),
                 len: voice.len,
             })
             .collect();

@@ -60,6 +60,10 @@ impl FrameConversation for ThrusterDissector {
         frame.id.and_then(node_of_id).is_some_and(|position| position.is_ok()) && !frame.extended
     }
 
+    fn is_plain_request(&self, frame: &RawFrame<'_>) -> bool {
+        self.is_request(frame)
+    }
+
     fn is_answer_to(&self, frame: &RawFrame<'_>, request: &RawFrame<'_>) -> bool {
         let (Some(Err(from)), Some(Ok(to))) =
             (frame.id.and_then(node_of_id), request.id.and_then(node_of_id))
