@@ -27,7 +27,7 @@ const STEPS: u32 = 500;
 const STEP_MS: u32 = 40;
 /// Checksum over everything. It changes with these drives and hosts only.
 const PINNED: u64 = 0xDAA0_E887_D2AD_5CD1;
-const PINNED_ON_CAN: u64 = 0x12BB_E626_5BD8_C571;
+const PINNED_ON_CAN: u64 = 0x900C_1BA1_E865_D3E3;
 const BIT_RATE: u32 = 1_000_000;
 /// The variant with CANopen, in the mode that obeys it.
 const TS_ON_CAN: [(&str, &str); 3] = [("variant", "all"), ("fn00", "20"), ("can", "true")];
