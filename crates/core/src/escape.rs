@@ -45,9 +45,18 @@ pub fn is_plain(text: &[u8]) -> bool {
 pub fn are_lines_plain(text: &[u8]) -> bool {
     /// Bytes that are looked at without a branch between them.
     const CHUNK: usize = 256;
+    const BEYOND_ASCII: u8 = 0x80;
     let is_c0 = |byte: u8| ((byte < 0x20) & (byte != b'\n') & (byte != b'\t')) | (byte == 0x7F);
-    let has_c0 = |chunk: &[u8]| chunk.iter().fold(false, |found, byte| found | is_c0(*byte));
-    !text.chunks(CHUNK).any(has_c0) && !has_c1(text)
+    let flags = |chunk: &[u8]| {
+        chunk.iter().fold(0, |all, byte| all | u8::from(is_c0(*byte)) | (*byte & BEYOND_ASCII))
+    };
+    let mut all = 0;
+    let is_bad = |chunk: &[u8]| {
+        all |= flags(chunk);
+        all & !BEYOND_ASCII != 0
+    };
+    // C1 is beyond ASCII, which most pages are.
+    !text.chunks(CHUNK).any(is_bad) && (all == 0 || !has_c1(text))
 }
 
 /// Returns whether text in UTF-8 has a control character of C1, which is C2h and a byte from 80h to 9Fh.
