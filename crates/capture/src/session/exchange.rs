@@ -98,7 +98,9 @@ impl ProtocolTracker for ExchangeTracker {
 
     fn advance_time(&mut self, now: Timestamp, notices: &mut Vec<SessionNotice>) {
         self.pairing.advance_time(now, notices);
-        self.presence.record_missed(self.pairing.take_given_up(), Some(now), notices);
+        if self.pairing.has_given_up() {
+            self.presence.record_missed(self.pairing.take_given_up(), Some(now), notices);
+        }
         self.presence.check_silence(now, notices);
     }
 

@@ -41,9 +41,10 @@ const FIRST_REQUESTS: u32 = 2;
 #[derive(Debug, Default)]
 pub(super) struct Pairing {
     /// The newest is the last.
-    requests: VecDeque<TrackedRequest>,
+    // Boxed, because they change places often.
+    requests: VecDeque<Box<TrackedRequest>>,
     /// A request that is over, whose buffers the next one gets.
-    spare: Option<TrackedRequest>,
+    spare: Option<Box<TrackedRequest>>,
     operations: Vec<InternedName>,
     /// Last request of each axis that defines the format of its replies.
     format_requests: Vec<(u32, FrameBytes)>,
@@ -186,6 +187,11 @@ impl Pairing {
         (self.last_pair.1 == number && self.last_pair.0 > 0).then_some(self.last_pair.0)
     }
 
+    /// Returns whether axes left requests unanswered.
+    pub fn has_given_up(&self) -> bool {
+        !self.given_up_axes.is_empty()
+    }
+
     /// Axes that left requests unanswered since this was called last.
     pub fn take_given_up(&mut self) -> impl Iterator<Item = u32> + '_ {
         self.given_up_axes.drain(..)
@@ -249,13 +255,13 @@ impl Pairing {
                 && request.requires_reply()
                 && request.frame.raw() == observed.raw
         };
-        let Some(at) = self.requests.iter().rposition(same) else { return false };
+        let Some(at) = self.requests.iter().rposition(|it| same(it)) else { return false };
         // To a host whose answer was spoiled it is a new request, as after one whose check failed, and
         // to one that asked the axis something else meanwhile, and was answered.
         let went_on = |later: &TrackedRequest| {
             later.exchange.axis == axis && later.state == RequestState::Settled
         };
-        let went_on = self.requests.iter().skip(at + 1).any(went_on);
+        let went_on = self.requests.iter().skip(at + 1).any(|it| went_on(it));
         let request = &self.requests[at];
         if request.exchange.retries == RETRIES_MAX || request.spoiled || went_on {
             self.give_up_request(at, observed.time, notices);
@@ -348,7 +354,7 @@ impl Pairing {
                 && waited <= request.patience_ns()
                 && fits(request)
         });
-        let known = outstanding.or_else(|| self.requests.iter().rposition(again));
+        let known = outstanding.or_else(|| self.requests.iter().rposition(|it| again(it)));
         let mut quality = Quality::Good;
         match known {
             Some(at) if self.requests[at].state == RequestState::GivenUp || !reports => {
@@ -377,7 +383,9 @@ impl Pairing {
             let request = &mut self.requests[earlier];
             let fits = || observed.dissector.is_answer_to(&observed.raw, &request.frame.raw());
             // Nothing of it changes any more.
-            let is_over = request.overtaken && !request.doubtful && !request.awaits_answer();
+            let is_settled = request.state == RequestState::Settled;
+            let is_over =
+                (request.overtaken || is_settled) && !request.doubtful && !request.awaits_answer();
             if request.exchange.axis != axis || is_over || !fits() {
                 continue;
             }
@@ -398,7 +406,8 @@ impl Pairing {
         let turns = observed.raw.id.is_none()
             && request.awaits.acks == ReplyCount::Zero
             && !observed.dissector.has_transactions();
-        let newest = self.requests.back().is_some_and(|last| core::ptr::eq(last, request));
+        let newest =
+            self.requests.back().is_some_and(|last| core::ptr::eq(&raw const **last, request));
         observed.time.zip(answered).is_none_or(|(now, then)| now.since(then) <= request.limit_ns)
             && (newest || !turns)
     }
@@ -532,7 +541,7 @@ impl Pairing {
         observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) {
-        let Some(at) = self.requests.iter().rposition(TrackedRequest::awaits_answer) else {
+        let Some(at) = self.requests.iter().rposition(|request| request.awaits_answer()) else {
             return;
         };
         let last = at + 1 == self.requests.len();
@@ -551,7 +560,7 @@ impl Pairing {
     }
 
     /// Room for another request; the oldest goes.
-    fn recycle_request(&mut self, notices: &mut Vec<SessionNotice>) -> TrackedRequest {
+    fn recycle_request(&mut self, notices: &mut Vec<SessionNotice>) -> Box<TrackedRequest> {
         if self.requests.len() == REQUESTS_MAX {
             let settled =
                 self.requests.iter().position(|request| request.state != RequestState::Open);
@@ -566,7 +575,7 @@ impl Pairing {
         if let Some(request) = self.spare.take() {
             return request;
         }
-        TrackedRequest {
+        Box::new(TrackedRequest {
             exchange: ExchangeNotice {
                 axis: None,
                 op: "",
@@ -586,7 +595,7 @@ impl Pairing {
             overtaken: false,
             doubtful: false,
             answer: Vec::new(),
-        }
+        })
     }
 
     fn schedule(&mut self, request: &TrackedRequest) {

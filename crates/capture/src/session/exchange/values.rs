@@ -25,6 +25,8 @@ pub(super) struct ValueTracker {
     profile: Option<&'static Profile>,
     /// Parameters that others are scaled by.
     factors: Vec<ParameterId>,
+    /// Uses of the parameters that were seen.
+    uses: Vec<ParameterUse>,
     /// Raw values of parameters that others are scaled by, of each motor of each axis.
     factor_values: Vec<((u32, u8, ObjectKey), i64)>,
     /// States of axes, by their subject.
@@ -33,6 +35,33 @@ pub(super) struct ValueTracker {
     faults: Vec<(u32, u32)>,
     /// Each drive's own time.
     times: Vec<(u32, i64)>,
+}
+
+/// Use of a parameter by the profile: looked up once, because a poll reads the same ones again and again.
+#[derive(Debug)]
+struct ParameterUse {
+    parameter: &'static Parameter,
+    /// Key of its value, if others are scaled by it.
+    factor: Option<ObjectKey>,
+    /// Signals that it has, with their names.
+    sources: Vec<(&'static SignalSource, Option<InternedName>)>,
+}
+
+impl ParameterUse {
+    fn new(
+        parameter: &'static Parameter,
+        profile: &'static Profile,
+        factors: &[ParameterId],
+    ) -> Self {
+        let factor = factors.iter().find(|id| is_parameter(**id, profile, parameter));
+        let sources = profile.signals.iter();
+        let sources = sources.filter(|it| is_parameter(it.parameter, profile, parameter));
+        Self {
+            parameter,
+            factor: factor.map(|id| object_key(profile, *id)),
+            sources: sources.map(|source| (source, signal_name(profile, source))).collect(),
+        }
+    }
 }
 
 /// A value with all its properties.
@@ -88,6 +117,7 @@ impl ValueTracker {
             return;
         }
         self.profile = profile;
+        self.uses.clear();
         let parameters =
             profile.into_iter().flat_map(|p| p.parameters.iter().map(move |one| (p, one)));
         self.factors = parameters.flat_map(|(p, one)| one.scale.inputs(p)).collect();
@@ -102,21 +132,21 @@ impl ValueTracker {
         notices: &mut Vec<SessionNotice>,
     ) {
         let Some(profile) = self.profile else { return };
-        if let Some(id) =
-            self.factors.iter().copied().find(|id| is_parameter(*id, profile, parameter))
-        {
-            let key = (found.axis, found.frame_value.motor, object_key(profile, id));
+        let known = self.uses.iter().position(|it| core::ptr::eq(it.parameter, parameter));
+        let at = known.unwrap_or_else(|| {
+            self.uses.push(ParameterUse::new(parameter, profile, &self.factors));
+            self.uses.len() - 1
+        });
+        if let Some(object) = self.uses[at].factor {
+            let key = (found.axis, found.frame_value.motor, object);
             replace_known(&mut self.factor_values, key, found.frame_value.raw);
         }
         // After the factor was noted: a parameter may scale itself.
         let (value, unit, quality) = self.scale_value(profile, parameter, &found);
         let mut named = false;
-        for source in profile
-            .signals
-            .iter()
-            .filter(|source| is_parameter(source.parameter, profile, parameter))
-        {
-            match signal_name(profile, source) {
+        for index in 0..self.uses[at].sources.len() {
+            let (source, name) = self.uses[at].sources[index];
+            match name {
                 Some(word) => {
                     named = true;
                     let word = motor_name(word, found.frame_value.motor);
@@ -144,6 +174,9 @@ impl ValueTracker {
     ) -> (f64, InternedName, Quality) {
         let raw = parameter.encoding.number(found.frame_value.raw);
         let scale = parameter.scale;
+        if scale.is_constant() {
+            return (raw * scale.factor, parameter.unit.symbol(), found.quality);
+        }
         let quality = Cell::new(found.quality);
         let direction = scale.negative.map(|(parameter, _)| parameter);
         let read = |id: ParameterId| {

@@ -33,7 +33,7 @@ impl Pairing {
         self.note_start(observed.time);
         self.acks += 1;
         // The oldest: an acknowledgement carries no address, and a line keeps its order (TML on RS-232).
-        let Some(request) = self.requests.iter_mut().find(waits_for_ack) else {
+        let Some(request) = self.requests.iter_mut().find(|it| waits_for_ack(it)) else {
             if let Some(request) = self.last_acknowledged(observed.time) {
                 let text = format!("{}: acknowledged twice", request.description());
                 notices.push(anomaly(AnomalyKind::DuplicateReply, request.exchange.axis, text));
@@ -64,7 +64,7 @@ impl Pairing {
     }
 }
 
-fn waits_for_ack(request: &&mut TrackedRequest) -> bool {
+fn waits_for_ack(request: &TrackedRequest) -> bool {
     request.state == RequestState::Open
         && request.awaits.acks != ReplyCount::Zero
         && request.acks == 0

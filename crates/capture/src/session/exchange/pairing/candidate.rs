@@ -24,15 +24,30 @@ impl Pairing {
     ) -> Option<usize> {
         let fits = |at: &usize| dissector.is_answer_to(answer, &self.requests[*at].frame.raw());
         let open = || (0..self.requests.len()).filter(|at| self.requests[*at].awaits_answer());
-        let repeated = |at: &usize| self.requests[*at].frame.bytes == answer.bytes;
-        if let Some(at) = open().filter(repeated).find(fits) {
-            return Some(at);
+        // Most lines have one request under way: nothing else is looked at.
+        let (mut newest, mut repeated, mut open_count) = (None, None, 0);
+        for (at, request) in self.requests.iter().enumerate().rev() {
+            if !request.awaits_answer() {
+                continue;
+            }
+            open_count += 1;
+            let is_repeated = request.frame.bytes == answer.bytes;
+            if (newest.is_none() || is_repeated) && fits(&at) {
+                newest = newest.or(Some(at));
+                repeated = if is_repeated { Some(at) } else { repeated };
+            }
         }
-        let newest = open().rev().find(fits)?;
+        if repeated.is_some() {
+            return repeated;
+        }
+        let newest = newest?;
         if self.is_too_soon(newest, now)
             && let Some(before) = self.find_unanswered(newest, dissector, answer, now)
         {
             return Some(before);
+        }
+        if open_count == 1 {
+            return Some(newest);
         }
         let mut burst = newest;
         let mut best = (self.rank(newest, now), newest);
