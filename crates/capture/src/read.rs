@@ -131,6 +131,11 @@ pub(crate) trait FormatReader: fmt::Debug + Send {
     /// `ended`, no more follow: an incomplete record is damage.
     fn read(&mut self, bytes: &[u8], ended: bool, taker: &mut dyn RecordSink) -> usize;
 
+    /// Returns whether usual lines of serial lines are records by themselves, here; they are read from then on.
+    fn begin_serial_lines(&mut self) -> bool {
+        false
+    }
+
     /// Skips lines and bytes that were read elsewhere. False if that is impossible: the position is not between lines.
     fn skip_lines(&mut self, lines: u64, bytes: u64) -> bool {
         let _ = (lines, bytes);
@@ -337,6 +342,11 @@ impl CaptureReader {
             plain.statistics.records += lines;
         }
         between
+    }
+
+    /// Returns whether usual lines of serial lines may be read elsewhere from here on.
+    pub(crate) fn begin_serial_lines(&mut self) -> bool {
+        self.plain.source.as_mut().is_some_and(|(_, source)| source.begin_serial_lines())
     }
 
     /// Bytes that came so far, unpacked.

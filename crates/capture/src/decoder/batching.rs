@@ -44,6 +44,8 @@ impl CaptureDecoder {
         let before = reader.received_bytes();
         // Lines do not depend on the lines before: the reader gets their number later.
         let (mut from, mut at, mut lines) = (0, 0, 0);
+        // Whether lines of serial lines are taken as they are, once that was asked.
+        let mut takes_serial = None;
         // Where each link of the piece is, once it is known.
         let mut wires = [None; LineScan::LINKS_MAX];
         for line in scan.lines() {
@@ -56,7 +58,12 @@ impl CaptureDecoder {
                 reader.feed(between, &mut |record| {
                     self.batch_record(record, self.known_link(record), batch, full);
                 });
-                (from, lines) = (line.start, 0);
+                (from, at, lines, takes_serial) = (line.start, line.start, 0, None);
+            }
+            if line.is_serial() && !*takes_serial.get_or_insert_with(|| reader.begin_serial_lines())
+            {
+                // The reader gets it with the lines that follow.
+                continue;
             }
             let (record, wire) =
                 (scan.line_record(line, before), &mut wires[usize::from(line.link)]);

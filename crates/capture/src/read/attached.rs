@@ -44,6 +44,11 @@ pub(super) enum AttachedLine {
 }
 
 impl AttachedLines {
+    /// Returns whether bytes of a dump wait for the next line.
+    pub fn has_pending(&self) -> bool {
+        !self.block.is_empty()
+    }
+
     /// Parses such a line, and puts its bytes into `bytes`. `None` for all other lines.
     ///
     /// # Errors

@@ -1,11 +1,9 @@
-//! Finds and reads lines of candump's log without state of earlier lines, so pieces of a capture can be
-//! read on several threads.
+//! Finds and reads lines of candump's log and of serial logs without state of earlier lines, so pieces of a
+//! capture can be read on several threads.
 
-use polepair_core::medium::Frame;
-
-use super::lines::UsualLine;
+use super::lines::{UsualData, UsualLine};
 use super::text::{LineContext, parse_usual_line};
-use crate::record::{Record, RecordData};
+use crate::record::Record;
 
 /// Lines that are looked at before a piece is given up in which there are no such lines.
 const TRIES: usize = 64;
@@ -26,7 +24,14 @@ pub(crate) struct ScannedLine {
     /// On which of the links.
     pub link: u8,
     time: crate::Timestamp,
-    frame: Frame,
+    data: UsualData,
+}
+
+impl ScannedLine {
+    /// Returns whether it is of a serial line.
+    pub(crate) const fn is_serial(&self) -> bool {
+        matches!(self.data, UsualData::Serial(..))
+    }
 }
 
 impl LineScan {
@@ -42,20 +47,24 @@ impl LineScan {
         let (mut number, mut changes) = (0, 0);
         while at < piece.len() {
             let rest = &piece[at..];
-            if let Some(UsualLine { time, frame, bytes }) = parse_usual_line(rest, &mut before)
+            if let Some(UsualLine { time, data, bytes }) = parse_usual_line(rest, &mut before)
                 && let Some(same) = if before.link_changes() == changes {
                     Some(number)
                 } else {
                     link_index(&mut self.links, before.link())
                 }
             {
+                if self.lines.is_empty() {
+                    // The other lines are likely to be as long.
+                    self.lines.reserve(piece.len() / bytes + 1);
+                }
                 (number, changes, at) = (same, before.link_changes(), at + bytes);
                 self.lines.push(ScannedLine {
                     start: at - bytes,
                     end: at,
                     link: number as u8,
                     time,
-                    frame,
+                    data,
                 });
                 continue;
             }
@@ -72,11 +81,11 @@ impl LineScan {
     }
 
     /// Record of a line, in a capture with `before` bytes before the piece.
-    pub(crate) fn line_record(&self, line: &ScannedLine, before: u64) -> Record<'_> {
+    pub(crate) fn line_record<'a>(&'a self, line: &'a ScannedLine, before: u64) -> Record<'a> {
         let link = self.links.get(usize::from(line.link)).map_or("-", String::as_str);
-        let (time, data, at) =
-            (Some(line.time), RecordData::Frame(line.frame), before + line.start as u64);
-        Record { time, link, direction: None, data, offset: at }
+        let (direction, data) = line.data.record_parts();
+        let (time, offset) = (Some(line.time), before + line.start as u64);
+        Record { time, link, direction, data, offset }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Formats with one line for each record.
 
+use polepair_core::explain::Direction;
 use polepair_core::medium::Frame;
 
 use super::{CapturePosition, Damage, FormatReader, ReadError, RecordSink};
@@ -20,13 +21,37 @@ pub(super) enum ParsedLine<'a> {
     Skipped(&'static str),
 }
 
-/// A line with a CAN frame and its time, in the form that nearly all lines of a format have.
+/// A line in the form that nearly all lines of a format have, with its time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct UsualLine {
     pub time: Timestamp,
-    pub frame: Frame,
+    pub data: UsualData,
     /// Length with its end, bytes.
     pub bytes: usize,
+}
+
+/// Data of such a line.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum UsualData {
+    /// A CAN frame.
+    Frame(Frame),
+    /// The first of these bytes, which a serial line carried.
+    Serial(Direction, [u8; UsualData::SERIAL_MAX], u8),
+}
+
+impl UsualData {
+    /// Bytes of a usual line of a serial line; requests and answers of most drives are no longer.
+    pub const SERIAL_MAX: usize = 16;
+
+    /// The data and the sender of a record.
+    pub fn record_parts(&self) -> (Option<Direction>, RecordData<'_>) {
+        match self {
+            Self::Frame(frame) => (None, RecordData::Frame(*frame)),
+            Self::Serial(direction, bytes, len) => {
+                (Some(*direction), RecordData::Bytes(&bytes[..usize::from(*len)]))
+            }
+        }
+    }
 }
 
 impl<'a> From<Option<Record<'a>>> for ParsedLine<'a> {
@@ -50,6 +75,12 @@ pub(super) trait LineFormat: core::fmt::Debug + Send {
     fn parse_usual(&mut self, bytes: &[u8]) -> Option<UsualLine> {
         let _ = bytes;
         None
+    }
+
+    /// Returns whether lines of a serial line in that form need no state of the lines before; they are records from
+    /// then on.
+    fn begin_serial_lines(&mut self) -> bool {
+        false
     }
 
     /// The link of the last line of that form.
@@ -107,13 +138,14 @@ impl<L: LineFormat> FormatReader for LineReader<L> {
         loop {
             let rest = &bytes[used..];
             let usual = if self.skipping { None } else { self.format.parse_usual(rest) };
-            let len = if let Some(UsualLine { time, frame, bytes }) = usual {
+            let len = if let Some(UsualLine { time, data, bytes }) = usual {
                 self.line_number += 1;
+                let (direction, data) = data.record_parts();
                 taker.handle_record(&Record {
                     time: Some(time),
                     link: self.format.usual_link(),
-                    direction: None,
-                    data: RecordData::Frame(frame),
+                    direction,
+                    data,
                     offset: self.offset,
                 });
                 bytes
@@ -142,6 +174,10 @@ impl<L: LineFormat> FormatReader for LineReader<L> {
             taker.handle_record(&Record { offset: self.offset, ..record });
         }
         used
+    }
+
+    fn begin_serial_lines(&mut self) -> bool {
+        self.format.begin_serial_lines()
     }
 
     fn skip_lines(&mut self, lines: u64, bytes: u64) -> bool {

@@ -7,7 +7,7 @@ use polepair_core::medium::Frame;
 use super::attached::{AttachedLine, AttachedLines};
 use super::digits::StampPrefix;
 use super::line_time::split_time;
-use super::lines::{LINE_MAX, LineFormat, ParsedLine, UsualLine};
+use super::lines::{LINE_MAX, LineFormat, ParsedLine, UsualData, UsualLine};
 use super::log_traits::LogTraits;
 use super::printed_frame::MINUTE_MS;
 use super::tool_log::{ToolLine, parse_tool_line, unwrap_line};
@@ -58,6 +58,11 @@ impl TextReader {
     /// A reader of a log with this head.
     pub(super) fn new(head: LogTraits) -> Self {
         Self { head, ..Self::default() }
+    }
+
+    /// Returns whether a line of a serial line is a record by itself, as it is.
+    fn has_plain_lines(&self) -> bool {
+        !self.head.has_delta_times && !self.head.is_of_drive && !self.attached.has_pending()
     }
 
     /// Returns whether a line of another program was read.
@@ -136,7 +141,19 @@ impl LineFormat for TextReader {
     }
 
     fn parse_usual(&mut self, bytes: &[u8]) -> Option<UsualLine> {
-        parse_usual_line(bytes, &mut self.context)
+        let takes_serial = self.has_plain_lines();
+        let line = parse_usual_line(bytes, &mut self.context)?;
+        if matches!(line.data, UsualData::Serial(..)) {
+            self.has_records |= takes_serial;
+            return takes_serial.then_some(line);
+        }
+        Some(line)
+    }
+
+    fn begin_serial_lines(&mut self) -> bool {
+        let is_plain = self.has_plain_lines();
+        self.has_records |= is_plain;
+        is_plain
     }
 
     fn usual_link(&self) -> &str {
@@ -346,18 +363,29 @@ impl LineContext {
     }
 }
 
-/// A line of candump's log in its usual form, `(1700000000.000500) can0 30B#5443000000000005`, at the
-/// head of `bytes`; `None` for all others. Its link is that of `before` from then on. This is the way that
-/// millions of lines go.
+/// A line of candump's log in its usual form, `(1700000000.000500) can0 30B#5443000000000005`, or of a serial
+/// log, `(1700000000.000500) tty0 > 01 03 10 2E 00 02 A0 C2`, at the head of `bytes`; `None` for all others. Its
+/// link is that of `before` from then on. This is the way that millions of lines go.
 #[inline]
 pub(super) fn parse_usual_line(bytes: &[u8], before: &mut LineContext) -> Option<UsualLine> {
     let (stamp, rest) = bytes.split_first_chunk::<20>()?;
     let time = Timestamp(digits::parse_stamp(stamp, &mut before.stamp_prefix)?.checked_mul(1000)?);
-    let frame = before.split_link(rest)?;
-    let (id, extended, text) = match frame {
+    let content = before.split_link(rest)?;
+    let (data, rest) = match content {
+        [b'>', digits @ ..] => parse_serial(Direction::ToDrive, digits)?,
+        [b'<', digits @ ..] => parse_serial(Direction::ToHost, digits)?,
+        _ => parse_frame(content)?,
+    };
+    Some(UsualLine { time, data, bytes: bytes.len() - rest.len() })
+}
+
+/// A frame, and what is behind its line.
+#[inline]
+fn parse_frame(content: &[u8]) -> Option<(UsualData, &[u8])> {
+    let (id, extended, text) = match content {
         [a, b, c, b'#', data @ ..] => (parse_id(&[*a, *b, *c])?, false, data),
         _ => {
-            let (id, data) = frame.split_first_chunk::<8>()?;
+            let (id, data) = content.split_first_chunk::<8>()?;
             (digits::parse_hex(*id)?, true, data.strip_prefix(b"#")?)
         }
     };
@@ -368,11 +396,22 @@ pub(super) fn parse_usual_line(bytes: &[u8], before: &mut LineContext) -> Option
     }
     debug_assert!(count <= 16, "a classic frame has at most eight bytes");
     let frame = Frame { id, extended, remote: false, len: (count / 2) as u8, data };
-    Some(UsualLine { time, frame, bytes: bytes.len() - text.len() + count + 1 })
+    Some((UsualData::Frame(frame), &text[count + 1..]))
 }
 
-/// A line of a serial log in its usual form, `(1700000000.000500) tty0 > 01 03 10 2E 00 02 A0 C2`: its time and its
-/// direction; `None` for all others. The bytes are put into `bytes`, and its link is that of `before` from then on.
+/// Bytes of a serial line, and what is behind their line.
+fn parse_serial(direction: Direction, text: &[u8]) -> Option<(UsualData, &[u8])> {
+    let (mut bytes, mut len) = ([0; UsualData::SERIAL_MAX], 0);
+    let rest = parse_spaced_bytes(text, |byte| {
+        *bytes.get_mut(len)? = byte;
+        len += 1;
+        Some(())
+    })?;
+    let rest = rest.strip_prefix(b"\n").filter(|_| len > 0)?;
+    Some((UsualData::Serial(direction, bytes, len as u8), rest))
+}
+
+/// A line of a serial log with any number of bytes, which are put into `bytes`: its time and its direction.
 fn parse_serial_line(
     line: &[u8],
     before: &mut LineContext,
@@ -380,21 +419,33 @@ fn parse_serial_line(
 ) -> Option<(Timestamp, Option<Direction>)> {
     let (stamp, rest) = line.split_first_chunk::<20>()?;
     let time = Timestamp(digits::parse_stamp(stamp, &mut before.stamp_prefix)?.checked_mul(1000)?);
-    let (direction, mut digits) = match before.split_link(rest)? {
+    let (direction, digits) = match before.split_link(rest)? {
         [b'>', digits @ ..] => (Direction::ToDrive, digits),
         [b'<', digits @ ..] => (Direction::ToHost, digits),
         _ => return None,
     };
     bytes.clear();
-    while let [b' ', high, low, after @ ..] = digits {
+    let rest = parse_spaced_bytes(digits, |byte| {
+        bytes.push(byte);
+        Some(())
+    })?;
+    (rest.is_empty() && !bytes.is_empty()).then_some((time, Some(direction)))
+}
+
+/// Gives bytes that are each behind a space, and returns what is behind them; `None` for other digits, or if a byte is
+/// not taken.
+#[inline]
+fn parse_spaced_bytes(text: &[u8], mut take: impl FnMut(u8) -> Option<()>) -> Option<&[u8]> {
+    let mut rest = text;
+    while let [b' ', high, low, after @ ..] = rest {
         let (high, low) = (HEX[usize::from(*high)], HEX[usize::from(*low)]);
         if (high | low) >= 16 {
             return None;
         }
-        bytes.push(high << 4 | low);
-        digits = after;
+        take(high << 4 | low)?;
+        rest = after;
     }
-    (digits.is_empty() && !bytes.is_empty()).then_some((time, Some(direction)))
+    Some(rest)
 }
 
 fn is_blank(c: char) -> bool {
@@ -545,21 +596,28 @@ mod tests {
             "(1700000000.000001) interface 7ff#aAbB01",
             "(1700000000.000001) interfact 7ff#aAbB01",
             "(1700000000.000001) interfa 7ff#aAbB01",
+            "(1700000000.000500) tty0 > 01 03 10 2E 00 02 a0 C2",
+            "(1700000000.000500) /dev/ttyUSB0 < 05",
+            "(1700000000.000500) tty0 < 00 11 22 33 44 55 66 77 88 99 AA BB CC DD EE FF",
         ] {
             let (mut scratch, bytes) = (Vec::new(), format!("{line}{NEXT}"));
             let quick = parse_usual_line(bytes.as_bytes(), &mut before).expect(line);
-            let quick_record = Record {
-                time: Some(quick.time),
-                link: before.link(),
-                direction: None,
-                data: RecordData::Frame(quick.frame),
-                offset: 0,
-            };
+            let (direction, data) = quick.data.record_parts();
+            let time = Some(quick.time);
+            let quick_record = Record { time, link: before.link(), direction, data, offset: 0 };
             let slow = parse_log_line(line.as_bytes(), &mut scratch).expect(line);
             assert_eq!(Some(quick_record), slow, "{line}");
             assert_eq!(quick.bytes, line.len() + 1);
         }
         for line in [
+            "(1700000000.000500) tty0 >",
+            "(1700000000.000500) tty0 > 1",
+            "(1700000000.000500) tty0 > 01 2",
+            "(1700000000.000500) tty0 > 01 2G",
+            "(1700000000.000500) tty0 > 01  02",
+            "(1700000000.000500) tty0 > 01\r",
+            "(1700000000.000500) tty0 01 02 03 04 05",
+            "(1700000000.000500) tty0 < 00 11 22 33 44 55 66 77 88 99 AA BB CC DD EE FF 00",
             "(1700000000.000500) can0 30B#R",
             "(1700000000.000500) can0 30B#1",
             "(1700000000.000500) can0 30B#11 T",
