@@ -4,7 +4,6 @@
 use std::sync::Arc;
 
 use polepair_core::explain::Direction;
-use polepair_core::medium::Frame;
 
 use crate::decoder::DecodedFrame;
 use crate::defect::FrameDefect;
@@ -30,8 +29,13 @@ pub struct FrameBatch {
     compact: Vec<CompactFrame>,
     templates: Vec<FrameTemplate>,
     stored: Vec<StoredFrame>,
-    /// Number of compact frames before each stored event.
-    compact_before: Vec<usize>,
+    answers: Vec<AnswerFrame>,
+    /// Notices of all answers.
+    answer_notices: Vec<SessionNotice>,
+    /// Frames that are not compact, in order, with the number of compact frames before each.
+    others: Vec<(usize, OtherFrame)>,
+    /// Stored frames of this batch; others keep their buffers.
+    stored_count: usize,
     stored_bytes: usize,
     stopped: bool,
 }
@@ -41,8 +45,26 @@ pub struct FrameBatch {
 pub enum FrameRun<'a> {
     /// Some that change nothing.
     Compact(&'a [CompactFrame]),
+    /// An answer that differs from an earlier one in its numbers.
+    Answer(&'a AnswerFrame),
     /// Any other; which one.
     Stored(usize),
+}
+
+/// A frame that is not compact, by its index.
+#[derive(Clone, Copy, Debug)]
+enum OtherFrame {
+    Stored(usize),
+    Answer(usize),
+}
+
+/// An answer that has a template, with the notices of its conversation. These are values and the end of an exchange.
+#[derive(Clone, Debug)]
+pub struct AnswerFrame {
+    /// The frame. Its data begin at the template's [`data_start`](FrameTemplate::data_start).
+    pub frame: CompactFrame,
+    /// Range of the notices among those of the batch.
+    notices: core::ops::Range<usize>,
 }
 
 /// A frame that changes nothing.
@@ -75,8 +97,10 @@ pub struct FrameTemplate {
     pub id: Option<u32>,
     /// Number of bytes they have.
     pub len: u8,
-    /// Bytes of frames of a serial line, which are all the same; empty on CAN.
+    /// Bytes of frames of a serial line, which are the same up to `data_start`; empty on CAN.
     pub serial: Box<[u8]>,
+    /// Byte at which the data of an answer begin; the length of frames that are all the same.
+    pub data_start: u8,
 }
 
 /// Content of frames that change nothing.
@@ -86,6 +110,8 @@ pub enum TemplateContent {
     ProcessData(Arc<ProcessData>),
     /// All the same, for their bytes are.
     Constant(Arc<Explanation>),
+    /// Answers that differ in numbers, which this explanation of one of them names.
+    Answer(Arc<Explanation>),
 }
 
 /// Content of one frame, borrowed.
@@ -93,6 +119,57 @@ pub enum TemplateContent {
 pub(crate) enum ContentRef<'a> {
     ProcessData(&'a Arc<ProcessData>),
     Constant(&'a Arc<Explanation>),
+    Answer(&'a Arc<Explanation>),
+}
+
+/// Common properties of frames, to find their template or make it.
+#[derive(Clone, Copy)]
+pub(crate) struct TemplateSource<'a> {
+    pub content: ContentRef<'a>,
+    pub link: &'a Arc<str>,
+    pub protocol: &'static str,
+    /// CAN identifier of 11 bits; `None` on a serial line.
+    pub id: Option<u32>,
+    pub bytes: &'a [u8],
+}
+
+impl TemplateSource<'_> {
+    fn matches(&self, known: &FrameTemplate, direction: Option<Direction>) -> bool {
+        self.content.matches(&known.content)
+            && (known.id, usize::from(known.len)) == (self.id, self.bytes.len())
+            && known.direction == direction
+            && Arc::ptr_eq(&known.link, self.link)
+    }
+
+    fn to_template(self, direction: Option<Direction>) -> FrameTemplate {
+        let Self { content, link, protocol, id, bytes } = self;
+        let len = bytes.len() as u8;
+        FrameTemplate {
+            content: content.to_content(),
+            link: Arc::clone(link),
+            protocol,
+            direction,
+            id,
+            len,
+            serial: if id.is_none() { bytes.into() } else { Box::default() },
+            data_start: match (content, id) {
+                // An answer's numbers are near its end.
+                (ContentRef::Answer(_), None) => len.saturating_sub(DATA_MAX),
+                (_, None) => len,
+                (_, Some(_)) => 0,
+            },
+        }
+    }
+}
+
+/// Bytes of the data of a compact frame.
+pub(crate) const DATA_MAX: u8 = 8;
+
+/// The data of a compact frame, the first byte lowest.
+fn data_of(bytes: &[u8]) -> u64 {
+    let mut data = [0; DATA_MAX as usize];
+    data[..bytes.len()].copy_from_slice(bytes);
+    u64::from_le_bytes(data)
 }
 
 impl ContentRef<'_> {
@@ -102,7 +179,8 @@ impl ContentRef<'_> {
             (Self::ProcessData(one), TemplateContent::ProcessData(other)) => {
                 Arc::ptr_eq(one, other)
             }
-            (Self::Constant(one), TemplateContent::Constant(other)) => Arc::ptr_eq(one, other),
+            (Self::Constant(one), TemplateContent::Constant(other))
+            | (Self::Answer(one), TemplateContent::Answer(other)) => Arc::ptr_eq(one, other),
             _ => false,
         }
     }
@@ -111,13 +189,15 @@ impl ContentRef<'_> {
         match self {
             Self::ProcessData(process) => TemplateContent::ProcessData(Arc::clone(process)),
             Self::Constant(explained) => TemplateContent::Constant(Arc::clone(explained)),
+            Self::Answer(explained) => TemplateContent::Answer(Arc::clone(explained)),
         }
     }
 }
 
-/// Text and values of process data, as of any other frame.
-#[derive(Default)]
-struct FrameBuffers {
+/// Buffers for the bytes, text and values of frames that have a template.
+#[derive(Debug, Default)]
+pub struct FrameBuffers {
+    bytes: Vec<u8>,
     explanation: Explanation,
     notices: Vec<SessionNotice>,
 }
@@ -149,7 +229,10 @@ impl FrameBatch {
         self.layout = head;
         self.compact.clear();
         self.templates.clear();
-        self.compact_before.clear();
+        self.answers.clear();
+        self.answer_notices.clear();
+        self.others.clear();
+        self.stored_count = 0;
         self.stored_bytes = 0;
     }
 
@@ -178,7 +261,7 @@ impl FrameBatch {
     /// Number of frames it has.
     #[must_use]
     pub const fn len(&self) -> usize {
-        self.compact.len() + self.compact_before.len()
+        self.compact.len() + self.others.len()
     }
 
     /// Returns whether it has as many frames as it should.
@@ -190,14 +273,17 @@ impl FrameBatch {
     pub fn runs(&self) -> impl Iterator<Item = FrameRun<'_>> {
         let (mut from, mut reported) = (0, 0);
         core::iter::from_fn(move || {
-            let index = self.compact_before.get(reported).copied();
-            let run = &self.compact[from..index.unwrap_or(self.compact.len())];
+            let next = self.others.get(reported).copied();
+            let run = &self.compact[from..next.map_or(self.compact.len(), |(before, _)| before)];
             if !run.is_empty() {
                 from += run.len();
                 return Some(FrameRun::Compact(run));
             }
             reported += 1;
-            index.map(|_| FrameRun::Stored(reported - 1))
+            Some(match next?.1 {
+                OtherFrame::Stored(at) => FrameRun::Stored(at),
+                OtherFrame::Answer(at) => FrameRun::Answer(&self.answers[at]),
+            })
         })
     }
 
@@ -214,6 +300,24 @@ impl FrameBatch {
         }
     }
 
+    /// Gives an answer as any other frame.
+    pub fn with_answer(
+        &self,
+        answer: &AnswerFrame,
+        buffers: &mut FrameBuffers,
+        each: impl FnOnce(&DecodedFrame<'_>),
+    ) {
+        if let Some(template) = self.templates.get(usize::from(answer.frame.template)) {
+            template.expand_with(&answer.frame, self.notices(answer), buffers, each);
+        }
+    }
+
+    /// The notices of an answer.
+    #[must_use]
+    pub fn notices(&self, answer: &AnswerFrame) -> &[SessionNotice] {
+        &self.answer_notices[answer.notices.clone()]
+    }
+
     /// Gives every frame as a decoder does that keeps none.
     pub fn for_each_frame(&self, each: &mut dyn FnMut(&DecodedFrame<'_>)) {
         let mut buffers = FrameBuffers::default();
@@ -222,10 +326,12 @@ impl FrameBatch {
                 FrameRun::Compact(run) => run.iter().for_each(|plain| {
                     self.templates[usize::from(plain.template)].expand_with(
                         plain,
+                        &[],
                         &mut buffers,
-                        each,
+                        &mut *each,
                     );
                 }),
+                FrameRun::Answer(answer) => self.with_answer(answer, &mut buffers, &mut *each),
                 FrameRun::Stored(at) => self.with_stored(at, &mut *each),
             }
         }
@@ -233,7 +339,7 @@ impl FrameBatch {
 
     /// Keeps an event.
     pub(crate) fn push_stored(&mut self, event: &DecodedFrame<'_>) {
-        let used = self.compact_before.len();
+        let used = self.stored_count;
         if used == self.stored.len() {
             self.stored.push(StoredFrame::default());
         }
@@ -241,8 +347,13 @@ impl FrameBatch {
         // Into the buffers of an earlier frame: a batch that is used again allocates nothing.
         stored_frame.store(event);
         self.stored_bytes += stored_frame.size();
-        // The order of both kinds is kept by the number of compact frames before each stored one.
-        self.compact_before.push(self.compact.len());
+        self.stored_count += 1;
+        self.push_other(OtherFrame::Stored(used));
+    }
+
+    fn push_other(&mut self, frame: OtherFrame) {
+        // The order of all kinds is kept by the number of compact frames before each other one.
+        self.others.push((self.compact.len(), frame));
     }
 
     /// Adds a frame that changes nothing. `template` is where their template may be, and is; false if
@@ -252,87 +363,63 @@ impl FrameBatch {
         &mut self,
         record: &Record<'_>,
         number: u64,
-        frame: &Frame,
-        voice: &mut u16,
-        source: (ContentRef<'_>, &Arc<str>, &'static str),
+        template: &mut u16,
+        source: TemplateSource<'_>,
     ) -> bool {
-        let (says, link, protocol) = source;
-        let direction = record.direction;
-        let is_same = |known: &FrameTemplate| {
-            says.matches(&known.content)
-                && (known.id, known.len, known.direction) == (Some(frame.id), frame.len, direction)
-                && Arc::ptr_eq(&known.link, link)
-        };
-        let make = || FrameTemplate {
-            content: says.to_content(),
-            link: Arc::clone(link),
-            protocol,
-            direction,
-            id: Some(frame.id),
-            len: frame.len,
-            serial: Box::default(),
-        };
-        self.set_template(voice, is_same, make)
-            && self.push_with(record, number, *voice, u64::from_le_bytes(frame.data))
+        let Some(time) = record.time else { return false };
+        if !self.set_template(template, record.direction, source) {
+            return false;
+        }
+        // On a serial line these are the template's own bytes.
+        let data = if source.id.is_some() { data_of(source.bytes) } else { 0 };
+        let (template, offset) = (*template, record.offset);
+        self.compact.push(CompactFrame { template, data, number, time, offset });
+        true
     }
 
-    /// Adds a frame of a serial line that has the same bytes as an earlier one, as
-    /// [`push_compact`](Self::push_compact) does one of CAN.
-    pub(crate) fn push_serial(
+    /// Adds an answer with the notices of its conversation, as [`push_compact`](Self::push_compact) does a frame that
+    /// changes nothing.
+    pub(crate) fn push_answer(
         &mut self,
         record: &Record<'_>,
         number: u64,
-        bytes: &[u8],
-        voice: &mut u16,
-        source: (&Arc<Explanation>, &Arc<str>, &'static str),
+        template: &mut u16,
+        source: TemplateSource<'_>,
+        notices: &mut Vec<SessionNotice>,
     ) -> bool {
-        let (explained, link, protocol) = source;
-        let says = ContentRef::Constant(explained);
-        let direction = record.direction;
-        let is_same = |known: &FrameTemplate| {
-            says.matches(&known.content)
-                && (known.id, known.direction) == (None, direction)
-                && Arc::ptr_eq(&known.link, link)
-        };
-        let make = || FrameTemplate {
-            content: says.to_content(),
-            link: Arc::clone(link),
-            protocol,
-            direction,
-            id: None,
-            len: bytes.len() as u8,
-            serial: bytes.into(),
-        };
-        self.set_template(voice, is_same, make) && self.push_with(record, number, *voice, 0)
+        let Some(time) = record.time else { return false };
+        if !self.set_template(template, record.direction, source) {
+            return false;
+        }
+        let start = source.bytes.len().saturating_sub(DATA_MAX.into());
+        let data = data_of(&source.bytes[start..]);
+        let (template, offset) = (*template, record.offset);
+        let frame = CompactFrame { template, data, number, time, offset };
+        let before = self.answer_notices.len();
+        self.answer_notices.append(notices);
+        self.push_other(OtherFrame::Answer(self.answers.len()));
+        self.answers.push(AnswerFrame { frame, notices: before..self.answer_notices.len() });
+        true
     }
 
     /// Finds or adds the template of a frame; false if there is no room for one.
     #[inline]
     fn set_template(
         &mut self,
-        voice: &mut u16,
-        is_same: impl FnOnce(&FrameTemplate) -> bool,
-        make: impl FnOnce() -> FrameTemplate,
+        template: &mut u16,
+        direction: Option<Direction>,
+        source: TemplateSource<'_>,
     ) -> bool {
         // By address and not by content: equal templates are rare, comparing them is not cheap.
-        if self.templates.get(usize::from(*voice)).is_some_and(is_same) {
+        let known = self.templates.get(usize::from(*template));
+        if known.is_some_and(|known| source.matches(known, direction)) {
             return true;
         }
         if self.templates.len() == TEMPLATES_MAX {
             return false;
         }
-        debug_assert!(self.templates.len() < TEMPLATES_MAX);
-        *voice = self.templates.len() as u16;
-        self.templates.push(make());
-        true
-    }
-
-    /// Adds a frame of a template; false without a time.
-    #[inline]
-    fn push_with(&mut self, record: &Record<'_>, number: u64, template: u16, data: u64) -> bool {
-        let Some(time) = record.time else { return false };
-        let offset = record.offset;
-        self.compact.push(CompactFrame { template, data, number, time, offset });
+        *template = self.templates.len() as u16;
+        self.templates.push(source.to_template(direction));
         true
     }
 }
@@ -343,37 +430,63 @@ impl FrameTemplate {
     pub fn process_data(&self) -> Option<&ProcessData> {
         match &self.content {
             TemplateContent::ProcessData(process) => Some(process),
-            TemplateContent::Constant(_) => None,
+            TemplateContent::Constant(_) | TemplateContent::Answer(_) => None,
         }
     }
 
     /// Gives a frame as any other.
     pub fn expand(&self, plain: &CompactFrame, each: &mut dyn FnMut(&DecodedFrame<'_>)) {
-        self.expand_with(plain, &mut FrameBuffers::default(), each);
+        self.expand_with(plain, &[], &mut FrameBuffers::default(), each);
     }
 
+    /// Gives a frame with these notices, or with the values of process data.
     fn expand_with(
         &self,
         plain: &CompactFrame,
+        notices: &[SessionNotice],
         buffers: &mut FrameBuffers,
-        each: &mut dyn FnMut(&DecodedFrame<'_>),
+        each: impl FnOnce(&DecodedFrame<'_>),
     ) {
-        let FrameBuffers { explanation, notices } = buffers;
-        let data = plain.data.to_le_bytes();
-        let bytes = if self.id.is_some() { &data[..usize::from(self.len)] } else { &self.serial };
-        notices.clear();
+        let FrameBuffers { bytes, explanation, notices: values } = buffers;
+        self.write_bytes(plain, bytes);
+        let mut notices = notices;
         let explained = match &self.content {
             TemplateContent::Constant(explained) => &**explained,
+            TemplateContent::Answer(known) => {
+                explanation.restate_values(known, bytes);
+                explanation.restate_text(known, bytes);
+                explanation
+            }
             TemplateContent::ProcessData(process) => {
                 explanation.clear();
                 process.explain(bytes, explanation);
+                values.clear();
                 process.mapping().for_each_signal(plain.data, |mapped, exact, value| {
-                    notices.push(process.signal_notice(mapped, exact, value));
+                    values.push(process.signal_notice(mapped, exact, value));
                 });
+                notices = values;
                 explanation
             }
         };
-        each(&DecodedFrame {
+        each(&self.frame(plain, bytes, explained, notices));
+    }
+
+    /// Writes the bytes of a frame.
+    fn write_bytes(&self, plain: &CompactFrame, bytes: &mut Vec<u8>) {
+        bytes.clear();
+        let (start, len) = (usize::from(self.data_start), usize::from(self.len));
+        bytes.extend_from_slice(self.serial.get(..start).unwrap_or_default());
+        bytes.extend_from_slice(&plain.data.to_le_bytes()[..len.saturating_sub(start)]);
+    }
+
+    fn frame<'a>(
+        &'a self,
+        plain: &CompactFrame,
+        bytes: &'a [u8],
+        explanation: &'a Explanation,
+        notices: &'a [SessionNotice],
+    ) -> DecodedFrame<'a> {
+        DecodedFrame {
             number: plain.number,
             time: Some(plain.time),
             link: &self.link,
@@ -386,11 +499,11 @@ impl FrameTemplate {
             remote_len: 0,
             echo: false,
             stray: false,
-            explanation: explained,
+            explanation,
             defect: None,
             notices,
             offset: plain.offset,
-        });
+        }
     }
 }
 

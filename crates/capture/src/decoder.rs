@@ -1,5 +1,6 @@
 //! The decoder: converts records to decoded frames.
 
+mod answer_cache;
 mod batching;
 mod detecting;
 mod repeat_cache;
@@ -24,6 +25,7 @@ use crate::rules::{Rule, Rules};
 use crate::session::{LinkSession, SessionNotice, error_frame_notice};
 use crate::stream::SerialFlow;
 use crate::timestamp::Timestamp;
+use answer_cache::AnswerCache;
 use detecting::CoveredIds;
 use repeat_cache::{CanKey, RepeatCache, SerialKey};
 pub(crate) use route::profile_speaks;
@@ -182,6 +184,7 @@ struct LinkDecoder {
     routes: RouteTable,
     repeats: RepeatCache<CanKey>,
     serial_repeats: RepeatCache<SerialKey>,
+    answers: AnswerCache,
     flows: [SerialFlow; 3],
     conversation: Conversation,
     session: LinkSession,
@@ -273,7 +276,7 @@ impl CaptureDecoder {
     fn forget_routes(&mut self) {
         for wire in &mut self.links {
             wire.routes = RouteTable::default();
-            (wire.repeats, wire.serial_repeats) = Default::default();
+            (wire.repeats, wire.serial_repeats, wire.answers) = Default::default();
         }
     }
 
@@ -493,6 +496,7 @@ impl CaptureDecoder {
                 routes: RouteTable::default(),
                 repeats: RepeatCache::default(),
                 serial_repeats: RepeatCache::default(),
+                answers: AnswerCache::default(),
                 flows: Default::default(),
                 conversation: Conversation::with_echo(echoes),
                 session: LinkSession::new(name),
@@ -510,7 +514,7 @@ impl CaptureDecoder {
     ) {
         self.frame_count += 1;
         self.detect_for_frame(at, frame);
-        let LinkDecoder { name, rules, routes, repeats, conversation, session, .. } =
+        let LinkDecoder { name, rules, routes, repeats, answers, conversation, session, .. } =
             &mut self.links[at];
         self.explanation.clear();
         self.notices.clear();
@@ -540,6 +544,7 @@ impl CaptureDecoder {
                 time: record.time,
                 deferred_axis: None,
                 rejected_by_content: false,
+                answer_key: None,
             };
             let explained = &mut self.explanation;
             let reported = teller.explain(rules, frame, &context, conversation, session, explained);
@@ -558,13 +563,16 @@ impl CaptureDecoder {
             let by_id = reported.is_some() && !teller.rejected_by_content;
             if left.is_some() && by_id {
                 routes.insert(frame, lane);
-            } else if by_id
-                && follows
-                && self.explanation.error.is_none()
-                && session.is_repeatable(dissector, frame)
-                && let Some(key) = repeat_cache::can_key(frame, record.direction)
-            {
-                repeats.record(key, &raw, lane, &self.explanation);
+            } else if by_id && follows && self.explanation.error.is_none() {
+                if session.is_repeatable(dissector, frame)
+                    && let Some(key) = repeat_cache::can_key(frame, record.direction)
+                {
+                    repeats.record(key, &raw, lane, &self.explanation);
+                } else if session.keeps_explanation(dissector, &raw)
+                    && let Some(key) = teller.answer_key
+                {
+                    answers.record(key, &raw, lane, &self.explanation);
+                }
             }
             Some(lane)
         });

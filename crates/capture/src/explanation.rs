@@ -1,10 +1,16 @@
 //! The explanation of one frame by a dissector, in buffers that are reused.
 
+mod restated;
+
 use polepair_core::error::WireError;
-use polepair_core::explain::{ExplainSink, Field, FieldValue, FrameValue, ValueSource};
+use polepair_core::explain::{
+    ExplainSink, Field, FieldValue, FrameValue, NumberPlace, NumberStyle, ValueSource,
+};
 use polepair_core::profile::Parameter;
 
 use crate::intern::{InternedName, intern};
+pub(crate) use restated::RESTATED_MAX;
+use restated::{PlacedItem, PlacedNumber};
 
 /// The kind of a CAN FD frame.
 pub const CAN_FD: &str = "can-fd";
@@ -27,6 +33,8 @@ pub struct Explanation {
     fields: Vec<StoredField>,
     bytes: Vec<u8>,
     frame_values: Vec<StoredFrameValue>,
+    /// Numbers whose bytes are known, in the order in which they were found.
+    numbers: Vec<PlacedNumber>,
     detail: ExplanationDetail,
 }
 
@@ -133,16 +141,18 @@ impl Explanation {
         self.fields.clear();
         self.bytes.clear();
         self.frame_values.clear();
+        self.numbers.clear();
     }
 
     /// Becomes what another one is, in its own buffers.
     pub(crate) fn copy_from(&mut self, other: &Self) {
-        let Self { kind, axis, text, error, fields, bytes, frame_values, detail } = other;
+        let Self { kind, axis, text, error, fields, bytes, frame_values, numbers, detail } = other;
         self.kind.clone_from(kind);
         self.text.clone_from(text);
         self.fields.clone_from(fields);
         self.bytes.clone_from(bytes);
         self.frame_values.clone_from(frame_values);
+        self.numbers.clone_from(numbers);
         (self.axis, self.error, self.detail) = (*axis, *error, *detail);
     }
 
@@ -258,5 +268,31 @@ impl ExplainSink for Explanation {
             ValueSource::Named(word) => StoredValueSource::Named(intern(word)),
         };
         self.frame_values.push(StoredFrameValue { source: of, raw, written, motor });
+    }
+
+    fn number(&mut self, number: i64, style: NumberStyle, place: NumberPlace) {
+        if self.detail != ExplanationDetail::Full {
+            return self.numbers.push(PlacedNumber { place, item: PlacedItem::Unused });
+        }
+        let Some(digits) = style.text_of(number) else { return };
+        let (at, len) = (self.text.len(), digits.as_str().len());
+        self.text.push_str(digits.as_str());
+        self.numbers.push(PlacedNumber { place, item: PlacedItem::Text { at, len, style } });
+    }
+
+    fn number_field(&mut self, field: Field<'_>, place: NumberPlace) {
+        let is_kept = self.detail == ExplanationDetail::Full;
+        let at = self.fields.len();
+        let item = if is_kept { PlacedItem::Field(at) } else { PlacedItem::Unused };
+        self.field(field);
+        self.numbers.push(PlacedNumber { place, item });
+    }
+
+    fn number_value(&mut self, reading: FrameValue<'_>, place: NumberPlace) {
+        if self.detail != ExplanationDetail::Kind {
+            let item = PlacedItem::Value(self.frame_values.len());
+            self.frame_value(reading);
+            self.numbers.push(PlacedNumber { place, item });
+        }
     }
 }

@@ -58,7 +58,9 @@ pub mod text;
 mod timestamp;
 mod write;
 
-pub use batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateContent};
+pub use batch::{
+    AnswerFrame, CompactFrame, FrameBatch, FrameBuffers, FrameRun, FrameTemplate, TemplateContent,
+};
 pub use byte_changes::{ByteChanges, meaning_text, visit_frame_key};
 pub use decoder::{CaptureDecoder, DecodedFrame, TimeReversal};
 pub use defect::FrameDefect;

@@ -177,7 +177,8 @@ impl LineBuffer {
         }
     }
 
-    fn push_bytes(&mut self, rest: &[u8]) {
+    /// Appends bytes, of any number.
+    pub fn push_bytes(&mut self, rest: &[u8]) {
         if let Some(buffer) = self.bytes.get_mut(self.position..self.position + rest.len()) {
             buffer.copy_from_slice(rest);
         }

@@ -338,6 +338,12 @@ pub(crate) trait ProtocolTracker: Debug + Send {
         false
     }
 
+    /// Returns whether it would leave the explanation of a frame without a defect as it is, and not look at its text.
+    fn keeps_explanation(&self, frame: &RawFrame<'_>) -> bool {
+        let _ = frame;
+        false
+    }
+
     /// Returns whether the capture gave that CAN identifier to this protocol, which is not its own otherwise.
     fn claims_id(&self, id: u32, extended: bool) -> bool {
         let _ = (id, extended);
@@ -472,8 +478,14 @@ impl LinkSession {
     pub fn is_repeatable(&self, dissector: &dyn Dissector, frame: &Frame) -> bool {
         let [(name, only)] = &self.trackers[..] else { return false };
         let raw = RawFrame { bytes: frame.bytes(), id: Some(frame.id), extended: frame.extended };
-        *name == dissector.name()
+        is_same_protocol(name, dissector.name())
             && (only.is_repeatable(frame.id) || dissector.is_plain_request(&raw))
+    }
+
+    /// Returns whether the explanation of a frame would stay as it is, on a link with its protocol alone.
+    pub fn keeps_explanation(&self, dissector: &dyn Dissector, frame: &RawFrame<'_>) -> bool {
+        let [(name, only)] = &self.trackers[..] else { return false };
+        is_same_protocol(name, dissector.name()) && only.keeps_explanation(frame)
     }
 
     /// The protocol that the capture gave a CAN identifier to, beside those that are its own.

@@ -147,6 +147,7 @@ struct FramePlace {
 #[derive(Debug)]
 struct TemplatePlace {
     frame: FramePlace,
+    link: InternedName,
     protocol: InternedName,
     on_can: bool,
     frames: u64,
@@ -185,6 +186,18 @@ impl Summary {
                         self.add_compact(template, frame, place);
                     }
                 }
+                FrameRun::Answer(answer) => {
+                    let frame = &answer.frame;
+                    let number = usize::from(frame.template);
+                    let template = &batch.templates()[number];
+                    let place =
+                        places[number].get_or_insert_with(|| self.place_template(template, frame));
+                    self.add_compact(template, frame, place);
+                    let (protocol, link) = (place.protocol, place.link);
+                    let (number, time) = (frame.number, Some(frame.time));
+                    let origin = NoticeOrigin { link, protocol, number, time };
+                    batch.notices(answer).iter().for_each(|it| self.add_notice(it, origin));
+                }
                 FrameRun::Stored(at) => batch.with_stored(at, |event| self.add_frame(event)),
             }
         }
@@ -206,7 +219,14 @@ impl Summary {
             let mapped = process.mapping().mapped_values().iter();
             values.extend(mapped.map(|mapped| self.values.number((who, mapped.name), VALUES_MAX)));
         }
-        TemplatePlace { frame: place, protocol, on_can: template.id.is_some(), frames: 0, values }
+        TemplatePlace {
+            frame: place,
+            link,
+            protocol,
+            on_can: template.id.is_some(),
+            frames: 0,
+            values,
+        }
     }
 
     fn add_compact(

@@ -190,11 +190,8 @@ impl FrameTextWriter {
             let _ = write!(out, "! {wrong}");
             self.end_colour(out);
         }
-        let exchange = event.notices.iter().find_map(|notice| match notice {
-            SessionNotice::Exchange(exchange) => exchange.latency(),
-            _ => None,
-        });
-        if let Some(ns) = exchange.filter(|_| self.style.notices != NoticeLevel::None) {
+        let latency = latency_of(event.notices);
+        if let Some(ns) = latency.filter(|_| self.style.notices != NoticeLevel::None) {
             self.begin_colour(DIM, out);
             out.extend_from_slice(b"  (");
             DurationText(ns).append_to(out);
@@ -238,6 +235,14 @@ impl FrameTextWriter {
     fn end_colour(&self, out: &mut Vec<u8>) {
         out.extend_from_slice(if self.style.colour { OFF } else { b"" });
     }
+}
+
+/// Time of the exchange that a frame ends, ns.
+fn latency_of(notices: &[SessionNotice]) -> Option<u64> {
+    notices.iter().find_map(|notice| match notice {
+        SessionNotice::Exchange(exchange) => exchange.latency(),
+        _ => None,
+    })
 }
 
 /// Bytes that a line mostly needs at most.

@@ -9,7 +9,7 @@ use arrow_array::types::Int64Type;
 use arrow_array::{RecordBatch, UInt32Array};
 use arrow_schema::ArrowError;
 use polepair_capture::session::SessionNotice;
-use polepair_capture::{CompactFrame, DecodedFrame, FrameBatch, FrameRun, Timestamp};
+use polepair_capture::{CompactFrame, DecodedFrame, FrameBatch, FrameBuffers, FrameRun, Timestamp};
 use polepair_core::convert::saturating;
 
 use crate::column::NumberColumn;
@@ -83,6 +83,7 @@ impl TablesBuilder {
                     .runs()
                     .map(|it| match it {
                         FrameRun::Compact(run) => templates.row_count(run),
+                        FrameRun::Answer(answer) => signal_count(batch.notices(answer)),
                         FrameRun::Stored(at) => {
                             let mut rows = 0;
                             batch.with_stored(at, |event| rows = signal_count(event.notices));
@@ -95,8 +96,12 @@ impl TablesBuilder {
         });
         // Frames of serial lines are longer than a number, and rare where columns have to be fast.
         let has_serial = batch.templates().iter().any(|template| template.id.is_none());
+        let mut buffers = FrameBuffers::default();
         for decoded in batch.runs() {
             match decoded {
+                FrameRun::Answer(answer) => {
+                    batch.with_answer(answer, &mut buffers, |event| self.add_event(event));
+                }
                 FrameRun::Compact(run) if has_serial => run.iter().for_each(|plain| {
                     let template = &batch.templates()[usize::from(plain.template)];
                     template.expand(plain, &mut |event| self.add_event(event));

@@ -2,6 +2,7 @@
 
 mod conversation;
 mod effect;
+mod number;
 
 use crate::error::WireError;
 use crate::profile::{Encoding, Parameter, ParameterAddress, Profile};
@@ -11,6 +12,7 @@ pub use conversation::{
     ShortText, ValueSource,
 };
 pub use effect::{Effect, Impact};
+pub use number::{ByteOrder, Decimal, NumberPlace, NumberStyle};
 
 /// Direction of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -118,6 +120,24 @@ pub trait ExplainSink {
     /// Reports a value in the frame. [`axis`](Self::axis) names its axis.
     fn frame_value(&mut self, reading: FrameValue<'_>) {
         let _ = reading;
+    }
+    /// A [text](Self::text) that is the number at `place`.
+    fn number(&mut self, number: i64, style: NumberStyle, place: NumberPlace) {
+        let _ = place;
+        if let Some(digits) = style.text_of(number) {
+            self.text(digits.as_str());
+        }
+    }
+    /// A [field](Self::field) whose value is the number at `place`, as its kind of value has it. A real number counts
+    /// tenths.
+    fn number_field(&mut self, field: Field<'_>, place: NumberPlace) {
+        let _ = place;
+        self.field(field);
+    }
+    /// A [value](Self::frame_value) that is the number at `place`.
+    fn number_value(&mut self, reading: FrameValue<'_>, place: NumberPlace) {
+        let _ = place;
+        self.frame_value(reading);
     }
 }
 

@@ -1,16 +1,25 @@
-//! Collects frames in batches. Two kinds of frames are not explained, to save time: process data with a
-//! known mapping that change no state, and frames with the same bytes as an earlier one.
+//! Collects frames in batches. Three kinds of frames are not explained, to save time: process data with a
+//! known mapping that change no state, frames with the same bytes as an earlier one, and answers that differ from
+//! an earlier answer to the same request in their numbers.
 //!
 //! Why: DEC-3, DEC-6.
 
-use polepair_core::explain::{Direction, RawFrame};
+use std::sync::Arc;
+
+use polepair_core::explain::{Direction, Dissector, FrameBoundary, RawFrame};
 use polepair_core::medium::Frame;
 
-use super::repeat_cache::{can_key, serial_key};
+use super::answer_cache::AnswerKey;
+use super::repeat_cache::{RepeatedFrame, can_key, serial_key};
 use super::{CaptureDecoder, DecodedFrame, LinkDecoder};
-use crate::batch::{ContentRef, FrameBatch};
+use crate::batch::{ContentRef, FrameBatch, TemplateSource};
+use crate::explanation::Explanation;
+use crate::line_layout::LineLayout;
 use crate::read::LineScan;
 use crate::record::{Record, RecordData};
+use crate::rules::{Rule, RuleScope};
+use crate::session::{LinkSession, ObservedFrame, SessionNotice};
+use crate::stream::SerialFlow;
 
 /// Takes a full batch; the decoder then reuses it for the next frames.
 type BatchCallback<'a> = &'a mut dyn FnMut(&mut FrameBatch);
@@ -118,20 +127,20 @@ impl CaptureDecoder {
                 record = undirected.insert(Record { direction: None, ..*record });
             }
         }
-        if let RecordData::Frame(frame) = &record.data
-            && let Some(at) = wire
-            && (self.batch_process_data(at, record, frame, batch)
-                || self.batch_repeat(at, record, frame, batch))
-        {
-            if batch.is_full() {
-                flush_batch(self.layout, batch, full);
+        let is_taken = match (&record.data, wire) {
+            (RecordData::Frame(frame), Some(at)) => {
+                self.batch_process_data(at, record, frame, batch)
+                    || self.batch_repeat(at, record, frame, batch)
+                    || self.batch_can_answer(at, record, frame, batch)
             }
-            return;
-        }
-        if let RecordData::Bytes(bytes) = record.data
-            && let Some(at) = wire
-            && self.batch_serial_repeat(at, record, bytes, batch)
-        {
+            (RecordData::Bytes(bytes), Some(at)) => match record.direction {
+                Some(Direction::ToDrive) => self.batch_serial_repeat(at, record, bytes, batch),
+                Some(Direction::ToHost) => self.batch_serial_answer(at, record, bytes, batch),
+                None => false,
+            },
+            _ => false,
+        };
+        if is_taken {
             if batch.is_full() {
                 flush_batch(self.layout, batch, full);
             }
@@ -155,9 +164,14 @@ impl CaptureDecoder {
         let LinkDecoder { name, routes, session, .. } = &mut self.links[at];
         let Some(lane) = routes.deferred_mut(frame) else { return false };
         let Some(process) = session.unchanged_process_data(frame, now) else { return false };
-        let whose = (ContentRef::ProcessData(process), &*name, lane.dissector.name());
-        let added =
-            batch.push_compact(record, self.frame_count + 1, frame, &mut lane.template, whose);
+        let source = TemplateSource {
+            content: ContentRef::ProcessData(process),
+            link: name,
+            protocol: lane.dissector.name(),
+            id: Some(frame.id),
+            bytes: frame.bytes(),
+        };
+        let added = batch.push_compact(record, self.frame_count + 1, &mut lane.template, source);
         // A frame that does not fit the batch is decoded, and counted, on the slow path.
         self.frame_count += u64::from(added);
         added
@@ -175,42 +189,27 @@ impl CaptureDecoder {
         let LinkDecoder { name, repeats, conversation, session, .. } = &mut self.links[at];
         let key = can_key(frame, record.direction);
         let Some(known) = key.and_then(|key| repeats.find(&key)) else { return false };
-        let protocol = known.route.dissector.name();
         if !session.is_repeatable(known.route.dissector, frame) {
             return false;
         }
         self.frame_count += 1;
-        self.explanation.copy_from(&known.explanation);
-        self.notices.clear();
+        let raw = super::raw_frame(frame);
         if known.is_request {
             // Its reply may need it, although the request itself changed nothing.
-            conversation.push_request(&super::raw_frame(frame));
+            conversation.push_request(&raw);
         }
-        let observed = known.route.observe(self.frame_count, record, frame, None);
-        // The conversation takes every frame: whether the explanation stays the same is decided after it.
-        session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
-        if self.notices.is_empty() && self.explanation.is_same_as(&known.explanation) {
-            let whose = (ContentRef::Constant(&known.explanation), &*name, protocol);
-            if batch.push_compact(record, self.frame_count, frame, &mut known.template, whose) {
-                return true;
-            }
-        }
-        let statement = (&self.explanation, &*self.notices);
-        let event = DecodedFrame::from_frame(
+        let observed = known.route.observe_raw(self.frame_count, record, raw);
+        let buffers = (&mut self.explanation, &mut self.notices);
+        SameFrame { known, link: name, observed }.put_into(
             record,
-            self.frame_count,
-            frame,
-            name,
-            Some(protocol),
-            statement,
+            session,
+            buffers,
+            &mut self.layout,
+            batch,
         );
-        self.layout.include(event.time, event.link, event.protocol);
-        batch.push_stored(&event);
         true
     }
-}
 
-impl CaptureDecoder {
     /// Returns whether the bytes of a serial line are a request that came before in the same bytes; then its
     /// conversation takes it, and it is put into the batch.
     fn batch_serial_repeat(
@@ -222,46 +221,199 @@ impl CaptureDecoder {
     ) -> bool {
         let LinkDecoder { name, flows, serial_repeats, conversation, session, .. } =
             &mut self.links[at];
-        // Bytes that wait for more, and a record without a time, end frames elsewhere.
-        let is_cut = flows.iter().any(|flow| !flow.pending().is_empty());
-        if is_cut || record.time.is_none() || record.direction != Some(Direction::ToDrive) {
+        if is_cut(flows) || record.time.is_none() {
             return false;
         }
         let key = serial_key(bytes);
         let Some(known) = key.and_then(|key| serial_repeats.find(&key)) else { return false };
-        let protocol = known.route.dissector.name();
         self.frame_count += 1;
-        self.explanation.copy_from(&known.explanation);
-        self.notices.clear();
         let raw = RawFrame { bytes, ..RawFrame::default() };
         conversation.push_request(&raw);
         let observed = known.route.observe_raw(self.frame_count, record, raw);
-        session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
-        if self.notices.is_empty() && self.explanation.is_same_as(&known.explanation) {
-            let whose = (&known.explanation, &*name, protocol);
-            if batch.push_serial(record, self.frame_count, bytes, &mut known.template, whose) {
-                return true;
-            }
+        let buffers = (&mut self.explanation, &mut self.notices);
+        SameFrame { known, link: name, observed }.put_into(
+            record,
+            session,
+            buffers,
+            &mut self.layout,
+            batch,
+        );
+        true
+    }
+
+    /// Returns whether a CAN frame differs from an earlier answer to the same request in its numbers alone; then its
+    /// conversation takes it, and it is put into the batch.
+    fn batch_can_answer(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        frame: &Frame,
+        batch: &mut FrameBatch,
+    ) -> bool {
+        if frame.extended || frame.remote {
+            return false;
         }
-        let event = DecodedFrame {
-            number: self.frame_count,
-            time: record.time,
-            direction: record.direction,
-            protocol: Some(protocol),
-            bytes,
-            notices: &self.notices,
-            offset: record.offset,
-            ..DecodedFrame::empty(name, &self.explanation)
+        let raw = super::raw_frame(frame);
+        let dissector = self.links[at].answers.dissector_of(frame.id);
+        dissector.is_some_and(|dissector| self.batch_answer(at, record, &raw, dissector, batch))
+    }
+
+    /// Does the same for the bytes of a serial line.
+    fn batch_serial_answer(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        bytes: &[u8],
+        batch: &mut FrameBatch,
+    ) -> bool {
+        let LinkDecoder { rules, flows, .. } = &self.links[at];
+        let [Rule { dissector, scope: RuleScope::Anywhere | RuleScope::Link(_) }] = rules[..]
+        else {
+            return false;
         };
-        self.layout.include(event.time, event.link, event.protocol);
-        batch.push_stored(&event);
+        let raw = RawFrame { bytes, ..RawFrame::default() };
+        !is_cut(flows)
+            && dissector.find_frame(bytes, record.direction, false)
+                == FrameBoundary::Frame(bytes.len())
+            && self.batch_answer(at, record, &raw, dissector, batch)
+    }
+
+    fn batch_answer(
+        &mut self,
+        at: usize,
+        record: &Record<'_>,
+        raw: &RawFrame<'_>,
+        dissector: &'static dyn Dissector,
+        batch: &mut FrameBatch,
+    ) -> bool {
+        let LinkDecoder { name, answers, conversation, session, .. } = &mut self.links[at];
+        if record.time.is_none() || !session.keeps_explanation(dissector, raw) {
+            return false;
+        }
+        let request = session.awaited_request(dissector, raw, record.time);
+        let request = request.or_else(|| conversation.find_request(dissector, raw));
+        // Bytes that repeat their request may be its echo.
+        let request = request.filter(|request| raw.id.is_some() || request.bytes != raw.bytes);
+        let key = request.and_then(|request| AnswerKey::new(&request, raw, record.direction));
+        let Some(known) = key.and_then(|key| answers.find(&key, raw.bytes)) else { return false };
+        if !self.explanation.restate_values(&known.explanation, raw.bytes) {
+            return false;
+        }
+        if raw.id.is_none() {
+            conversation.detect_echo(dissector, raw, false);
+        }
+        self.frame_count += 1;
+        self.notices.clear();
+        let observed = known.route.observe_raw(self.frame_count, record, *raw);
+        session.handle_frame(&observed, &mut self.explanation, &mut self.notices);
+        let is_plain = |notice: &SessionNotice| {
+            matches!(notice, SessionNotice::Signal(_) | SessionNotice::Exchange(_))
+        };
+        let source = TemplateSource {
+            content: ContentRef::Answer(&known.explanation),
+            link: name,
+            protocol: dissector.name(),
+            id: raw.id,
+            bytes: raw.bytes,
+        };
+        if self.notices.iter().all(is_plain)
+            && batch.push_answer(
+                record,
+                self.frame_count,
+                &mut known.template,
+                source,
+                &mut self.notices,
+            )
+        {
+            return true;
+        }
+        self.explanation.restate_text(&known.explanation, raw.bytes);
+        let content = (&self.explanation, &*self.notices);
+        store_observed(&observed, record, name, content, &mut self.layout, batch);
         true
     }
 }
 
+/// A frame with the same bytes as an earlier one.
+struct SameFrame<'a> {
+    known: &'a mut RepeatedFrame,
+    link: &'a Arc<str>,
+    observed: ObservedFrame<'a>,
+}
+
+impl SameFrame<'_> {
+    /// Lets the conversation take the frame, and puts it into the batch.
+    fn put_into(
+        self,
+        record: &Record<'_>,
+        session: &mut LinkSession,
+        buffers: (&mut Explanation, &mut Vec<SessionNotice>),
+        layout: &mut LineLayout,
+        batch: &mut FrameBatch,
+    ) {
+        let (scratch, notices) = buffers;
+        let RepeatedFrame { route, explanation, template, .. } = self.known;
+        let raw = self.observed.raw;
+        let keeps = session.keeps_explanation(route.dissector, &raw);
+        if keeps {
+            scratch.restate_values(explanation, raw.bytes);
+        } else {
+            scratch.copy_from(explanation);
+        }
+        notices.clear();
+        session.handle_frame(&self.observed, scratch, notices);
+        // The conversation takes every frame: whether the explanation stays the same is decided after it.
+        let is_same = keeps || scratch.is_same_as(explanation);
+        if is_same && notices.is_empty() {
+            let source = TemplateSource {
+                content: ContentRef::Constant(explanation),
+                link: self.link,
+                protocol: route.dissector.name(),
+                id: raw.id,
+                bytes: raw.bytes,
+            };
+            if batch.push_compact(record, self.observed.number, template, source) {
+                return;
+            }
+        }
+        let explanation = if is_same { &**explanation } else { scratch };
+        store_observed(&self.observed, record, self.link, (explanation, notices), layout, batch);
+    }
+}
+
+/// Puts a frame without a defect into the batch as it is.
+fn store_observed(
+    observed: &ObservedFrame<'_>,
+    record: &Record<'_>,
+    link: &str,
+    content: (&Explanation, &[SessionNotice]),
+    layout: &mut LineLayout,
+    batch: &mut FrameBatch,
+) {
+    let (explanation, notices) = content;
+    let event = DecodedFrame {
+        number: observed.number,
+        time: record.time,
+        direction: record.direction,
+        protocol: Some(observed.dissector.name()),
+        bytes: observed.raw.bytes,
+        id: observed.raw.id,
+        notices,
+        offset: record.offset,
+        ..DecodedFrame::empty(link, explanation)
+    };
+    layout.include(event.time, event.link, event.protocol);
+    batch.push_stored(&event);
+}
+
+/// Returns whether bytes of a serial line wait for more: then the next ones do not stand alone.
+fn is_cut(flows: &[SerialFlow]) -> bool {
+    flows.iter().any(|flow| !flow.pending().is_empty())
+}
+
 fn store_frame(
     event: &DecodedFrame<'_>,
-    head: &mut crate::line_layout::LineLayout,
+    head: &mut LineLayout,
     batch: &mut FrameBatch,
     full: BatchCallback<'_>,
 ) {
@@ -272,11 +424,7 @@ fn store_frame(
     }
 }
 
-fn flush_batch(
-    head: crate::line_layout::LineLayout,
-    batch: &mut FrameBatch,
-    full: BatchCallback<'_>,
-) {
+fn flush_batch(head: LineLayout, batch: &mut FrameBatch, full: BatchCallback<'_>) {
     full(batch);
     batch.reset(head);
 }

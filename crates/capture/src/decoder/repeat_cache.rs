@@ -12,7 +12,7 @@ use super::route::FrameRoute;
 use crate::explanation::Explanation;
 
 /// Frames of a link that are remembered.
-const SLOTS: usize = 1 << SLOT_BITS;
+pub(super) const SLOTS: usize = 1 << SLOT_BITS;
 const SLOT_BITS: u32 = 9;
 
 /// Explanations of frames that may be repeated, in a hash table; a frame that takes the place of another causes a new
@@ -90,7 +90,8 @@ pub(super) fn serial_key(bytes: &[u8]) -> Option<SerialKey> {
 /// 2 to the 64th by the golden ratio: near numbers become far ones.
 const SPREAD: u64 = 0x9E37_79B9_7F4A_7C15;
 
-fn slot_of(mixed: u64) -> usize {
+/// Place in the table of a key whose bits were mixed into a number.
+pub(super) fn slot_of(mixed: u64) -> usize {
     // All bits of a factor reach the uppermost bits of the product, and no others.
     (mixed.wrapping_mul(SPREAD) >> (u64::BITS - SLOT_BITS)) as usize
 }

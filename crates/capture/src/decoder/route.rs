@@ -6,6 +6,7 @@ use polepair_core::explain::{Context, Direction, Dissector, RawFrame};
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 
+use super::answer_cache::AnswerKey;
 use crate::conversation::Conversation;
 use crate::defect::FrameDefect;
 use crate::explanation::Explanation;
@@ -28,7 +29,7 @@ pub(super) struct FrameRoute {
 }
 
 impl FrameRoute {
-    /// Converts a frame for its tracker.
+    /// Converts a CAN frame for its tracker.
     pub fn observe<'a>(
         &self,
         number: u64,
@@ -159,6 +160,8 @@ pub(super) struct RuleExplainer {
     pub deferred_axis: Option<u32>,
     /// True if a rule was rejected by the frame's content: other frames with its identifier may follow that rule.
     pub rejected_by_content: bool,
+    /// Key of the frame among answers, if it is one.
+    pub answer_key: Option<AnswerKey>,
 }
 
 impl RuleExplainer {
@@ -232,6 +235,8 @@ impl RuleExplainer {
             let awaited = session.awaited_request(rule.dissector, &raw, self.time);
             awaited.or_else(|| conversation.find_request(rule.dissector, &raw))
         };
+        self.answer_key =
+            request.and_then(|request| AnswerKey::new(&request, &raw, context.direction));
         let stated = context.profile.filter(|profile| profile_speaks(profile, rule.dissector));
         let context = Context {
             request: request.map(|request| request.bytes),

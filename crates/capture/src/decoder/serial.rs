@@ -3,6 +3,7 @@
 use polepair_core::error::WireError;
 use polepair_core::explain::{Context, ConversationContext, Direction, Dissector, RawFrame};
 
+use super::answer_cache::AnswerKey;
 use super::repeat_cache::serial_key;
 use super::route::FrameRoute;
 use super::{CaptureDecoder, DIRECTIONS, DecodedFrame, FrameCallback, LinkDecoder};
@@ -84,7 +85,7 @@ impl CaptureDecoder {
         out: FrameCallback<'_>,
     ) {
         self.frame_count += 1;
-        let LinkDecoder { name, rules, serial_repeats, conversation, session, .. } =
+        let LinkDecoder { name, rules, serial_repeats, answers, conversation, session, .. } =
             &mut self.links[at];
         let PieceContext { origin: ChunkOrigin { time, offset }, direction, more_follows, .. } =
             piece_context;
@@ -109,6 +110,8 @@ impl CaptureDecoder {
             let awaited = session.awaited_request(rule.dissector, &raw, time);
             awaited.or_else(|| conversation.find_request(rule.dissector, &raw))
         });
+        let answer_key =
+            request.and_then(|request| AnswerKey::new(&request, &raw, piece_context.direction));
         let stated = rule.and_then(|rule| self.profiles.for_frame(rule.dissector, &raw, speaker));
         let profile = stated.or_else(|| polepair_drives::assumed_profile(rule?.dissector));
         let context = Context {
@@ -140,21 +143,23 @@ impl CaptureDecoder {
         }
         self.notices.clear();
         if let Some(rule) = rule.filter(|_| self.tracks_sessions) {
+            let route = FrameRoute {
+                dissector: rule.dissector,
+                profile,
+                profile_stated: stated.is_some(),
+                deferred_axis: None,
+                template: 0,
+            };
             let is_request = piece_context.direction == Some(Direction::ToDrive) && asks;
-            if whole
-                && is_request
-                && piece_context.is_alone
-                && wrong.is_none()
-                && let Some(key) = serial_key(bytes)
-            {
-                let route = FrameRoute {
-                    dissector: rule.dissector,
-                    profile,
-                    profile_stated: stated.is_some(),
-                    deferred_axis: None,
-                    template: 0,
-                };
-                serial_repeats.record(key, &raw, route, &self.explanation);
+            if whole && piece_context.is_alone && wrong.is_none() {
+                if let Some(key) = serial_key(bytes).filter(|_| is_request) {
+                    serial_repeats.record(key, &raw, route, &self.explanation);
+                }
+                if let Some(key) = answer_key.filter(|_| direction == piece_context.direction)
+                    && session.keeps_explanation(rule.dissector, &raw)
+                {
+                    answers.record(key, &raw, route, &self.explanation);
+                }
             }
             let observed = ObservedFrame {
                 number: self.frame_count,

@@ -38,6 +38,7 @@ mod tests;
 
 use std::sync::Arc;
 
+use polepair_core::explain::RawFrame;
 use polepair_core::medium::Frame;
 use polepair_core::profile::Profile;
 use polepair_core::proto::canopen::NODE_MAX;
@@ -195,6 +196,26 @@ impl ProtocolTracker for CanopenTracker {
         use Service::{Nmt, Request, State, Sync};
         // Also where one was moved to an answer's place: the dissector looks at no request.
         matches!(self.services.cached(id), Nmt | Sync | State(_) | Request(_))
+    }
+
+    fn keeps_explanation(&self, frame: &RawFrame<'_>) -> bool {
+        let Some(id) = frame.id.filter(|_| !frame.extended) else { return false };
+        let Some(bytes) = service_bytes(frame.bytes) else { return false };
+        let (at, function) = match self.services.cached(id) {
+            Service::Request(at) => (at, cob::SDO_REQUEST),
+            Service::Reply(at) => (at, cob::SDO_REPLY),
+            _ => return false,
+        };
+        let channel = &self.channels[usize::from(at)];
+        let is_usual = id == u32::from(function | u16::from(channel.node));
+        // A node that is known by now has other names than those of the explanation.
+        is_usual
+            && !self.naming_profile(channel.node).1
+            && match function {
+                cob::SDO_REQUEST => channel.begins_read(bytes),
+                // Its bits get names by the mode.
+                _ => channel.ends_read(bytes) && channel.object() != STATUSWORD,
+            }
     }
 
     fn claims_id(&self, id: u32, extended: bool) -> bool {

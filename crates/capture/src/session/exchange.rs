@@ -84,7 +84,13 @@ impl ProtocolTracker for ExchangeTracker {
         };
         let request = self.pairing.request_of(observed.number);
         self.values.handle_values(observed, explanation, quality, request, notices);
-        self.presence.record_missed(self.pairing.take_given_up(), observed.time, notices);
+        if self.pairing.has_given_up() {
+            self.presence.record_missed(self.pairing.take_given_up(), observed.time, notices);
+        }
+    }
+
+    fn keeps_explanation(&self, _: &RawFrame<'_>) -> bool {
+        true
     }
 
     fn awaited_request(

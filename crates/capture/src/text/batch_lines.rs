@@ -2,10 +2,13 @@
 //! names of their mapping.
 
 use polepair_core::escape::EscapedText;
-use polepair_core::explain::Direction;
+use polepair_core::explain::{Direction, NumberPlace, NumberStyle};
 
-use super::{BYTES_WIDTH, FrameTextWriter, NoticeLevel, append_padded};
-use crate::batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateContent};
+use super::{BYTES_WIDTH, DurationText, FrameTextWriter, NoticeLevel, append_padded, latency_of};
+use crate::batch::{
+    AnswerFrame, CompactFrame, FrameBatch, FrameBuffers, FrameRun, FrameTemplate, TemplateContent,
+};
+use crate::explanation::{Explanation, RESTATED_MAX};
 use crate::line_buffer::{HexColumns, LineBuffer, TextPiece};
 use crate::line_layout::{LineLayout, protocol_word};
 use crate::session::canopen::ProcessText;
@@ -18,6 +21,8 @@ struct LineTemplate<'a> {
     bytes_width: Option<usize>,
     /// Bytes of its frames.
     len: u8,
+    /// The first of them that is not a part of the prefix.
+    data_start: u8,
     suffix: LineSuffix<'a>,
 }
 
@@ -26,6 +31,8 @@ enum LineSuffix<'a> {
     ProcessData(&'a ProcessText),
     /// Constant text in all lines.
     Constant(TextPiece),
+    /// Numbers, each with the text before it, and the text behind all.
+    Answer(Vec<(TextPiece, NumberPlace, NumberStyle)>, TextPiece),
 }
 
 impl<'a> LineSuffix<'a> {
@@ -37,7 +44,21 @@ impl<'a> LineSuffix<'a> {
                 let text = text.unwrap_or(&explained.kind);
                 Self::Constant(TextPiece::new(format!("{}\n", EscapedText(text)).as_bytes()))
             }
+            TemplateContent::Answer(explained) => Self::of_answer(explained)?,
         })
+    }
+
+    fn of_answer(explained: &Explanation) -> Option<Self> {
+        let text = explained.text.as_str();
+        let mut numbers = Vec::new();
+        let mut from = 0;
+        for number in explained.text_numbers() {
+            let before = text.get(from..number.start)?;
+            numbers.push((escaped_piece(before), number.place, number.style));
+            from = number.end;
+        }
+        let rest = if text.is_empty() { &explained.kind } else { text.get(from..)? };
+        Some(Self::Answer(numbers, escaped_piece(rest)))
     }
 
     /// Bytes that they take at most.
@@ -45,6 +66,10 @@ impl<'a> LineSuffix<'a> {
         match self {
             Self::ProcessData(wording) => wording.len_max(),
             Self::Constant(piece) => piece.len(),
+            Self::Answer(numbers, rest) => {
+                let lens = numbers.iter().map(|(before, ..)| before.len() + LineBuffer::NUMBER_MAX);
+                lens.sum::<usize>() + rest.len()
+            }
         }
     }
 
@@ -57,8 +82,31 @@ impl<'a> LineSuffix<'a> {
                 page.push_piece(piece);
                 true
             }
+            Self::Answer(..) => false,
         }
     }
+
+    /// Puts the text of an answer down, without the line's end.
+    fn append_answer(&self, frame: &[u8], page: &mut LineBuffer) -> bool {
+        let Self::Answer(numbers, rest) = self else { return false };
+        for (before, place, style) in numbers {
+            page.push_piece(before);
+            let Some(number) = place.decode(frame) else { return false };
+            match style {
+                NumberStyle::Whole => page.push_signed(number),
+                NumberStyle::Tenths | NumberStyle::Hex(_) | NumberStyle::Scaled(_) => {
+                    let Some(digits) = style.text_of(number) else { return false };
+                    page.push_bytes(digits.as_bytes());
+                }
+            }
+        }
+        page.push_piece(rest);
+        true
+    }
+}
+
+fn escaped_piece(text: &str) -> TextPiece {
+    TextPiece::new(EscapedText(text).to_string().as_bytes())
 }
 
 impl FrameTextWriter {
@@ -72,6 +120,7 @@ impl FrameTextWriter {
         }
         let mut page = core::mem::take(&mut self.buffer);
         let (mut head, mut lines) = (self.layout, line_templates(batch, self.layout));
+        let (mut buffers, mut took) = (FrameBuffers::default(), Vec::new());
         for decoded in batch.runs() {
             match decoded {
                 FrameRun::Compact(run) => {
@@ -84,6 +133,24 @@ impl FrameTextWriter {
                             let voice = &batch.templates()[at];
                             voice.expand(plain, &mut |event| self.write(event, out));
                         }
+                    }
+                }
+                FrameRun::Answer(answer) => {
+                    took.clear();
+                    let latency = latency_of(batch.notices(answer));
+                    if let Some(ns) = latency.filter(|_| style.notices != NoticeLevel::None) {
+                        took.extend_from_slice(b"  (");
+                        DurationText(ns).append_to(&mut took);
+                        took.push(b')');
+                    }
+                    took.push(b'\n');
+                    let line = lines.get(usize::from(answer.frame.template));
+                    let line = line.and_then(Option::as_ref);
+                    if !line.is_some_and(|line| {
+                        line.append_answer(answer, self.layout, &took, &mut page, out)
+                    }) {
+                        page.flush(out);
+                        batch.with_answer(answer, &mut buffers, |event| self.write(event, out));
                     }
                 }
                 FrameRun::Stored(at) => {
@@ -118,32 +185,70 @@ impl<'a> LineTemplate<'a> {
         });
         append_padded(protocol_word(Some(voice.protocol)), head.protocol_width, &mut front);
         front.extend_from_slice(b"  ");
-        let Some(id) = voice.id else { return Self::of_serial(voice, front) };
-        front.extend_from_slice(
-            &id.to_be_bytes().map(crate::number_text::hex_digits).as_flattened()[5..],
-        );
-        front.push(b'#');
-        let shown = (3 * usize::from(voice.len)).saturating_sub(1);
-        let bytes = (shown + ID).max(BYTES_WIDTH) + 2 - ID;
-        let (front, len, words) =
-            (TextPiece::new(&front), voice.len, LineSuffix::new(&voice.content)?);
-        Self { prefix: front, bytes_width: Some(bytes), len, suffix: words }.checked()
-    }
-
-    /// The line of frames of a serial line: all of it is the same.
-    fn of_serial(voice: &'a FrameTemplate, mut front: Vec<u8>) -> Option<Self> {
+        let (data_start, len) = (usize::from(voice.data_start), usize::from(voice.len));
         let begin = front.len();
-        crate::text::append_spaced_hex(&mut front, &voice.serial);
-        let width = (front.len() - begin).max(BYTES_WIDTH) + 2;
-        front.resize(begin + width, b' ');
+        match voice.id {
+            Some(id) => {
+                front.extend_from_slice(
+                    &id.to_be_bytes().map(crate::number_text::hex_digits).as_flattened()[5..],
+                );
+                front.push(b'#');
+            }
+            None => {
+                crate::text::append_spaced_hex(&mut front, &voice.serial[..data_start]);
+                front.extend_from_slice(if data_start > 0 { b" " } else { b"" });
+            }
+        }
+        let id_width = if voice.id.is_some() { ID } else { 0 };
+        let width = ((3 * len).saturating_sub(1) + id_width).max(BYTES_WIDTH) + 2;
+        // Bytes that all frames have are a part of the prefix.
+        let mut bytes_width = Some((begin + width).saturating_sub(front.len()));
+        if data_start == len && voice.id.is_none() {
+            front.resize(begin + width, b' ');
+            bytes_width = None;
+        }
         let suffix = LineSuffix::new(&voice.content)?;
-        Self { prefix: TextPiece::new(&front), bytes_width: None, len: voice.len, suffix }.checked()
+        let (prefix, len, data_start) = (TextPiece::new(&front), voice.len, voice.data_start);
+        Self { prefix, bytes_width, len, data_start, suffix }.checked()
     }
 
     /// The line, if a page has room for it.
     fn checked(self) -> Option<Self> {
         let capacity = self.prefix.len() + 3 * LineBuffer::NUMBER_MAX + self.suffix.len_max();
         (capacity <= LineBuffer::LINE_MAX).then_some(self)
+    }
+
+    /// Puts the line of an answer down, which ends with `took`; false where it has words that have to be put together
+    /// first.
+    fn append_answer(
+        &self,
+        answer: &AnswerFrame,
+        head: LineLayout,
+        took: &[u8],
+        page: &mut LineBuffer,
+        out: &mut Vec<u8>,
+    ) -> bool {
+        let plain = &answer.frame;
+        let Some(since) = head.first.map(|first| plain.time.since(first)) else { return false };
+        if since / 1_000_000_000 > LineBuffer::SECONDS_MAX {
+            return false;
+        }
+        let begin = page.begin_line(out);
+        page.push_time(since);
+        page.push_piece(&self.prefix);
+        let hex = HexColumns::new(plain.data, self.len - self.data_start);
+        page.push_hex(hex, self.bytes_width.unwrap_or_default());
+        let mut frame = [0; RESTATED_MAX];
+        let data = plain.data.to_le_bytes();
+        let start = usize::from(self.data_start);
+        frame[start..start + data.len()].copy_from_slice(&data);
+        let matches = self.suffix.append_answer(&frame, page);
+        if matches {
+            page.push_bytes(took);
+        } else {
+            page.rewind(begin);
+        }
+        matches
     }
 
     /// Puts a line down; false where it has words that have to be put together first.

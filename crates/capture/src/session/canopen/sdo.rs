@@ -6,7 +6,9 @@ mod reply;
 mod request;
 
 use polepair_core::proto::canopen::explain::meanings;
-use polepair_core::proto::canopen::sdo::{AbortCode, ObjectIndex, SEGMENT, crc};
+use polepair_core::proto::canopen::sdo::{
+    AbortCode, ObjectIndex, SEGMENT, SdoReply, SdoRequest, crc,
+};
 
 use super::anomaly;
 use crate::session::{AnomalyKind, AnomalyNotice, ExchangeNotice, ExchangeOutcome, SessionNotice};
@@ -209,6 +211,24 @@ impl SdoChannel {
     /// The object that a transfer under way is about, or was.
     pub fn object(&self) -> ObjectIndex {
         self.transfer.object
+    }
+
+    /// Returns whether eight bytes to the node are a read that follows no part of a longer transfer.
+    pub fn begins_read(&self, bytes: [u8; 8]) -> bool {
+        let is_between = match self.state {
+            ChannelState::Unsynced => false,
+            ChannelState::Idle => true,
+            ChannelState::Open => self.transfer.phase == TransferPhase::First,
+        };
+        is_between && matches!(SdoRequest::of(bytes), SdoRequest::Read(_))
+    }
+
+    /// Returns whether eight bytes from the node are the whole value that it was asked for.
+    pub fn ends_read(&self, bytes: [u8; 8]) -> bool {
+        let t = &self.transfer;
+        self.state == ChannelState::Open
+            && (t.phase, t.op) == (TransferPhase::First, SdoOperation::Read)
+            && matches!(SdoReply::of(bytes), SdoReply::Value(object, _) if object == t.object)
     }
 
     /// An object is being written, or was a moment ago.

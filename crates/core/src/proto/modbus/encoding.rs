@@ -1,6 +1,7 @@
 //! Encodings of parameter values in registers.
 
 use crate::convert::tail;
+use crate::explain::{ByteOrder, NumberPlace};
 use crate::profile::Encoding;
 
 /// Registers that a number takes at most.
@@ -38,6 +39,24 @@ pub const fn decode(encoding: Encoding, words: [u16; REGISTERS_MAX]) -> i64 {
         Encoding::U8 => first as u8 as i64,
         _ => bits.cast_signed(),
     }
+}
+
+/// The place of a value in a frame whose registers are bytes, the value's first one at byte `start`; `None` where it is
+/// more than a number.
+#[must_use]
+pub fn number_place(
+    encoding: Encoding,
+    start: usize,
+    named: &'static [(i64, &'static str)],
+) -> Option<NumberPlace> {
+    let (len, order) = match encoding {
+        Encoding::U16 | Encoding::I16 => (2, ByteOrder::HighFirst),
+        Encoding::U32 | Encoding::I32 => (4, ByteOrder::HighFirst),
+        Encoding::U32LowFirst | Encoding::I32LowFirst => (4, ByteOrder::LowWordFirst),
+        _ => return None,
+    };
+    let start = u8::try_from(start).ok()?;
+    Some(NumberPlace { start, len, order, is_signed: encoding.is_signed(), named })
 }
 
 /// The registers of a raw value, in the order of their addresses; `None` when it does not fit.

@@ -10,7 +10,7 @@ mod number_text;
 
 pub(super) use conversation::write_effect;
 
-use super::encoding::{decode, register_count, words_from};
+use super::encoding::{decode, number_place, register_count, words_from};
 use super::text;
 use super::wire::{
     AnnouncedLength, Exception, Function, PDU_MAX, ReplyPdu, RequestPdu, Space, WireFormat, word,
@@ -24,7 +24,7 @@ use crate::explain::{
 };
 use crate::profile::{Encoding, Parameter, Profile};
 use layout::FrameLayout;
-use number_text::{write_decimal, write_hex, write_scaled};
+use number_text::{write_bits, write_decimal, write_hex, write_more, write_raw, write_scaled};
 
 /// Station that a text is encoded for when none is named: the factory's (TS manual V2 §2.2).
 const DEFAULT_UNIT: u8 = 1;
@@ -310,7 +310,13 @@ fn explain_frame(
         let request_bytes = request.filter(|(requested, _)| requested == unit).map(|(_, pdu)| pdu);
         let wrong = teller.explain_pdu(pdu, context.direction, request_bytes, sink);
         if sink.wants_values() {
-            conversation::report_values(pdu, context, request_bytes, sink);
+            conversation::report_values(
+                pdu,
+                position.number_origin(),
+                context,
+                request_bytes,
+                sink,
+            );
         }
         error = error.or(wrong.map(shift_error_offset));
         position.emit_check(body.len(), check, error, sink);
@@ -389,7 +395,7 @@ impl PduExplainer {
             RequestPdu::WriteRegister { address, value } => {
                 self.emit_register(address, value, sink);
                 sink.text("write ");
-                self.write_values(Space::Holding, address, &value.to_be_bytes(), sink);
+                self.write_values(Space::Holding, address, &value.to_be_bytes(), None, sink);
             }
             RequestPdu::WriteCoils { start, count, bits } => {
                 self.emit_start_count(start, count, sink);
@@ -427,7 +433,7 @@ impl PduExplainer {
     /// The values of neighbouring registers, the first ones with their names.
     fn write_many(&self, start: u16, words: &[u8], sink: &mut dyn ExplainSink) {
         let (named, rest) = words.split_at(words.len().min(2 * NAMED_MAX));
-        self.write_values(Space::Holding, start, named, sink);
+        self.write_values(Space::Holding, start, named, None, sink);
         for (at, value) in rest.chunks_exact(2).enumerate() {
             sink.text(if at == 0 { ", then " } else { " " });
             write_decimal(i64::from(word(value, 0)), sink);
@@ -453,7 +459,7 @@ impl PduExplainer {
             ReplyPdu::WroteRegister { address, value } => {
                 self.emit_register(address, value, sink);
                 sink.text("written: ");
-                self.write_values(Space::Holding, address, &value.to_be_bytes(), sink);
+                self.write_values(Space::Holding, address, &value.to_be_bytes(), None, sink);
             }
             ReplyPdu::Wrote { coils, start, count } => {
                 self.emit_start_count(start, count, sink);
@@ -500,13 +506,14 @@ impl PduExplainer {
                     sink.text(" = ");
                     write_bits(data, shown, BITS_MAX, sink);
                 } else {
-                    self.write_values(space, start, data, sink);
+                    self.write_values(space, start, data, self.layout.number_origin(), sink);
                 }
             }
             Some(RequestPdu::ReadWriteRegisters { read_start, read_count, .. })
                 if data.len() == 2 * usize::from(read_count) =>
             {
-                self.write_values(Space::Holding, read_start, data, sink);
+                let origin = self.layout.number_origin();
+                self.write_values(Space::Holding, read_start, data, origin, sink);
             }
             _ if space.is_bits() => write_bits(data, 8 * data.len() as u16, BITS_MAX, sink),
             _ => self.write_plain_values(data, sink),
@@ -627,8 +634,16 @@ impl PduExplainer {
         sink.text(if on { " = on" } else { " = off" });
     }
 
-    /// `name = value unit` of each register, as far as a line goes.
-    fn write_values(&self, space: Space, start: u16, data: &[u8], sink: &mut dyn ExplainSink) {
+    /// `name = value unit` of each register, as far as a line goes. `origin` is the byte of the frame at which `data`
+    /// begins, where their bytes are numbers and nothing else.
+    fn write_values(
+        &self,
+        space: Space,
+        start: u16,
+        data: &[u8],
+        origin: Option<usize>,
+        sink: &mut dyn ExplainSink,
+    ) {
         let count = data.len() / 2;
         let mut at = 0;
         for shown in 0..NAMED_MAX {
@@ -645,11 +660,16 @@ impl PduExplainer {
             match parameter {
                 Some(parameter) if at + wide <= count => {
                     let raw = decode(parameter.encoding, words_from(data, at));
-                    write_scaled(parameter, raw, sink);
+                    let place = origin.and_then(|origin| {
+                        number_place(parameter.encoding, origin + 2 * at, parameter.values)
+                    });
+                    write_scaled(parameter, raw, place, sink);
                     at += wide;
                 }
                 _ => {
-                    write_decimal(i64::from(first), sink);
+                    let place =
+                        origin.and_then(|origin| number_place(Encoding::U16, origin + 2 * at, &[]));
+                    write_raw(first.into(), place, sink);
                     at += 1;
                 }
             }
@@ -668,28 +688,6 @@ impl PduExplainer {
     }
 }
 
-fn write_more(count: usize, sink: &mut dyn ExplainSink) {
-    if count > 0 {
-        sink.text(" and ");
-        write_decimal(count as i64, sink);
-        sink.text(" more");
-    }
-}
-
 fn value_meaning(parameter: &'static Parameter, raw: i64) -> &'static str {
     parameter.values.iter().find(|(value, _)| *value == raw).map_or("", |(_, name)| name)
-}
-
-/// Writes the active lines, counted from 1 as the TS manual V2 §2.3 does; at most `max` by number.
-fn write_bits(bits: &[u8], count: u16, max: usize, sink: &mut dyn ExplainSink) {
-    let on = |at: &u16| bits.get(usize::from(at / 8)).is_some_and(|byte| byte >> (at % 8) & 1 == 1);
-    let all = (0..count).filter(on).count();
-    for (nth, at) in (0..count).filter(on).take(max).enumerate() {
-        sink.text(if nth > 0 { " " } else { "on: " });
-        write_decimal(i64::from(at) + 1, sink);
-    }
-    if all == 0 {
-        sink.text("all off");
-    }
-    write_more(all.saturating_sub(max), sink);
 }

@@ -295,7 +295,11 @@ fn explain_drive_message(
             };
             sink.kind(reply.command.letters().as_str());
             emit_head(reply.command, reply.sub, meaning, sink);
-            if reply.data == REFUSED && requested != Some(reply.data) {
+            if let Some((raw, CountUnit { unit, tenths }, place)) = text::measured_number(reply) {
+                let value = if tenths { tenths_value(raw) } else { FieldValue::Int(raw) };
+                let field = Field { name: "value", start: 6, end: 8, value, meaning: unit };
+                sink.number_field(field, place);
+            } else if reply.data == REFUSED && requested != Some(reply.data) {
                 emit_field(sink, "error", (4, 8), FieldValue::Hex(REFUSED.into(), 4), "refused");
             } else if matches!(shape, CommandKind::Query | CommandKind::Set) {
                 emit_value(reply.command, reply.sub, reply.data, readings, sink);
@@ -307,6 +311,15 @@ fn explain_drive_message(
     conversation::report_message_values(&message, requested, profile, sink);
     if !sink.wants_text() {
         return;
+    }
+    if let DriveMessage::Reply(reply) = &message
+        && let Some((raw, count_unit, place)) = text::measured_number(reply)
+    {
+        sink.text(reply.command.letters().as_str());
+        sink.text(" ");
+        sink.number(raw, count_unit.style(), place);
+        sink.text(if count_unit.unit.is_empty() { "" } else { " " });
+        return sink.text(count_unit.unit);
     }
     text::write_drive_message(&message, requested, readings, &mut |piece| sink.text(piece));
     if let DriveMessage::Reply(reply) = message

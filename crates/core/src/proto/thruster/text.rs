@@ -4,6 +4,8 @@
 //! parentheses is a comment. Replies are `QP 48.0 V`, `TC -5 % accepted`, `TC refused`, `VC frame 1: 496
 //! rpm, 48.0 V, 0.4 A`. Other bytes are `raw` and bytes. Every text that is written here can be read here.
 
+mod count_unit;
+
 use core::fmt::{self, Write as _};
 
 use super::fault;
@@ -13,7 +15,9 @@ use super::wire::{
     CommandKind, CommandWord, DriveMessage, HeaderlessReport, RANGE_PARAMETER, REFUSED, Reply,
     ReportFrame, Request, Width,
 };
-use crate::explain::{EncodeError, TextError};
+use crate::explain::{EncodeError, NumberPlace, TextError};
+pub use count_unit::CountUnit;
+use count_unit::{AMPERE, CELSIUS, DEGREE, MS, MeasuredNumber, RPM, VOLT};
 
 /// Content of a text.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -42,64 +46,6 @@ impl fmt::Write for PieceFormatter<'_> {
         Ok(())
     }
 }
-
-/// A raw number with its unit.
-struct MeasuredNumber(i64, CountUnit);
-
-impl fmt::Display for MeasuredNumber {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(raw, CountUnit { unit, tenths }) = *self;
-        if tenths {
-            let (sign, size) = (if raw < 0 { "-" } else { "" }, raw.unsigned_abs());
-            write!(f, "{sign}{}.{}", size / 10, size % 10)?;
-        } else {
-            write!(f, "{raw}")?;
-        }
-        if unit.is_empty() { Ok(()) } else { write!(f, " {unit}") }
-    }
-}
-
-/// Unit of a number.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct CountUnit {
-    /// Unit; empty for none.
-    pub unit: &'static str,
-    /// The raw number counts tenths of it.
-    pub tenths: bool,
-}
-
-impl CountUnit {
-    const fn in_units(unit: &'static str) -> Self {
-        Self { unit, tenths: false }
-    }
-
-    const fn in_tenths(unit: &'static str) -> Self {
-        Self { unit, tenths: true }
-    }
-
-    /// Unit of a command's value.
-    #[must_use]
-    pub const fn of_command(command: CommandWord) -> Self {
-        match command {
-            CommandWord::TC => Self::in_units("%"),
-            CommandWord::VC | CommandWord::QV => RPM,
-            CommandWord::QC => AMPERE,
-            CommandWord::QP => VOLT,
-            CommandWord::QT | CommandWord::EQ => CELSIUS,
-            CommandWord::CB => Self::in_units("kbit/s"),
-            CommandWord::ST => MS,
-            CommandWord::LA | CommandWord::LR | CommandWord::QA | CommandWord::QR => DEGREE,
-            _ => Self::in_units(""),
-        }
-    }
-}
-
-const RPM: CountUnit = CountUnit::in_units("rpm");
-const MS: CountUnit = CountUnit::in_units("ms");
-const CELSIUS: CountUnit = CountUnit::in_units("degC");
-const VOLT: CountUnit = CountUnit::in_tenths("V");
-const AMPERE: CountUnit = CountUnit::in_tenths("A");
-const DEGREE: CountUnit = CountUnit::in_tenths("deg");
 
 /// Writes a request.
 pub fn write_request(request: &Request, readings: Interpretation, show: &mut dyn FnMut(&str)) {
@@ -217,6 +163,29 @@ fn write_value(
             }
         }
     }
+}
+
+/// The number that the answer to a query is, with its unit and its place, where the answer's text is the command and
+/// that number.
+pub(super) fn measured_number(reply: &Reply) -> Option<(i64, CountUnit, NumberPlace)> {
+    const REFUSALS: &[(i64, &str)] =
+        &[(REFUSED as i64, "refused"), ((REFUSED as u16).cast_signed() as i64, "refused")];
+    let Reply { command, sub, data } = *reply;
+    let has_form = matches!(
+        command,
+        CommandWord::RP | CommandWord::EF | CommandWord::FR | CommandWord::VM | CommandWord::SR
+    );
+    let is_query = matches!(command.definition(), Some((CommandKind::Query, _)));
+    if sub != 0 || data > 0xFFFF || data == REFUSED || has_form || !is_query {
+        return None;
+    }
+    let place = match command.width() {
+        Width::Signed => NumberPlace::signed(6, 2),
+        Width::Unsigned => NumberPlace::unsigned(6, 2),
+        Width::Absolute | Width::Long => return None,
+    };
+    let place = NumberPlace { named: REFUSALS, ..place };
+    Some((command.width().decode(data), CountUnit::of_command(command), place))
 }
 
 /// Word for a width that differs from the usual one.

@@ -6,8 +6,9 @@
 //! `BA 100 -5000`.
 
 use super::opcode::{Opcode, Status};
-use super::text::{self, Decimal};
+use super::text;
 use super::wire::Request;
+use crate::explain::Decimal;
 
 /// Characters of a line at most, carriage return counted.
 pub const LINE_MAX: usize = 40;

@@ -5,15 +5,15 @@ mod conversation;
 use super::ascii;
 use super::instructions::TmclInstructions;
 use super::opcode::{Opcode, Status};
-use super::text::{self, Decimal};
+use super::text;
 use super::wire::{CAN_DATAGRAM, DATAGRAM, HOST, MODULE, Reply, Request, VersionText, checksum};
 use crate::convert::ascii_text;
 use crate::error::WireError;
 use crate::explain::{
-    Context, ConversationContext, DeviceFact, Direction, Dissector, DriveFacts, Effect,
+    Context, ConversationContext, Decimal, DeviceFact, Direction, Dissector, DriveFacts, Effect,
     EncodeError, EncodeOptions, EncodedFrame, ExplainSink, FactQuery, Field, FieldValue,
-    FrameBoundary, FrameConversation, FrameFormat, FrameRole, FrameValue, RawFrame, TextError,
-    WireKind,
+    FrameBoundary, FrameConversation, FrameFormat, FrameRole, FrameValue, NumberPlace, NumberStyle,
+    RawFrame, TextError, WireKind,
 };
 use crate::profile::{Parameter, Profile};
 use crate::program::InstructionLanguage;
@@ -301,7 +301,9 @@ fn explain_serial(bytes: &[u8], context: &Context<'_>, sink: &mut dyn ExplainSin
         explain_request(&request, 1, context, sink);
     }
     if have == DATAGRAM {
-        emit_byte(sink, "checksum", 8, whole[8], "");
+        let value = FieldValue::Int(whole[8].into());
+        let field = Field { name: "checksum", start: 8, end: 9, value, meaning: "" };
+        sink.number_field(field, NumberPlace::unsigned(8, 1));
     }
     if let Err(error) = Request::parse(bytes) {
         sink.error(error);
@@ -393,6 +395,21 @@ impl ExplainSink for PartialFrameSink<'_> {
     }
     fn frame_value(&mut self, reading: FrameValue<'_>) {
         self.forward_value(reading);
+    }
+    fn number(&mut self, number: i64, style: NumberStyle, place: NumberPlace) {
+        if self.enough_for_text {
+            self.sink.number(number, style, place);
+        }
+    }
+    fn number_field(&mut self, field: Field<'_>, place: NumberPlace) {
+        if field.end <= self.available {
+            self.sink.number_field(field, place);
+        }
+    }
+    fn number_value(&mut self, reading: FrameValue<'_>, place: NumberPlace) {
+        if self.enough_for_text {
+            self.sink.number_value(reading, place);
+        }
     }
 }
 
@@ -498,12 +515,18 @@ fn explain_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn E
     emit_byte(sink, "address", at, reply.module, "");
     emit_byte(sink, "status", at + 1, reply.status.number(), reply.status.text());
     emit_byte(sink, "opcode", at + 2, reply.opcode.number(), reply.opcode.text());
-    let value = FieldValue::Int(reply.value.into());
-    sink.field(Field { name: "value", start: at + 3, end: at + 7, value, meaning: "" });
     let named = request.filter(|request| request.opcode == reply.opcode);
     let name = named.and_then(|request| parameter_of(&request, context.profile)).map(|p| p.name);
+    let value = FieldValue::Int(reply.value.into());
+    let field = Field { name: "value", start: at + 3, end: at + 7, value, meaning: "" };
+    let place = NumberPlace::signed(at as u8 + 3, 4);
+    // Elsewhere the value may be a version.
+    match name.filter(|_| reply.status == Status::Ok) {
+        Some(_) => sink.number_field(field, place),
+        None => sink.field(field),
+    }
     if let Some(request) = named {
-        conversation::report_reply_values(&request, reply, context.profile, sink);
+        conversation::report_reply_values(&request, reply, place, context.profile, sink);
     }
     if !sink.wants_text() {
         return;
@@ -512,7 +535,7 @@ fn explain_reply(reply: &Reply, at: u16, context: &Context<'_>, sink: &mut dyn E
         (Status::Ok, Some(name)) => {
             sink.text(name);
             sink.text(" = ");
-            write_number(sink, reply.value.into());
+            sink.number(reply.value.into(), NumberStyle::Whole, place);
             mark_assumed_profile(context, sink);
         }
         (status, _) if !status.is_named() => {

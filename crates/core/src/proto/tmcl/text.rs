@@ -7,8 +7,7 @@
 
 use super::opcode::Opcode;
 use super::wire::Request;
-use crate::convert::ascii_text;
-use crate::explain::TextError;
+use crate::explain::{Decimal, TextError};
 
 /// Fields of a command's line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -205,44 +204,6 @@ pub fn write(request: &Request, show: &mut dyn FnMut(&str)) {
     }
     if shape.value || full {
         field(Decimal::of(request.value.into()).as_str());
-    }
-}
-
-/// A number as decimal characters.
-#[derive(Clone, Copy, Debug)]
-pub struct Decimal {
-    digits: [u8; 20],
-    start: usize,
-}
-
-impl Decimal {
-    /// Writes `number`.
-    #[must_use]
-    pub fn of(number: i64) -> Self {
-        let mut this = Self { digits: [0; 20], start: 20 };
-        let mut rest = number.unsigned_abs();
-        loop {
-            this.push(b'0' + (rest % 10) as u8);
-            rest /= 10;
-            if rest == 0 {
-                break;
-            }
-        }
-        if number < 0 {
-            this.push(b'-');
-        }
-        this
-    }
-
-    /// The characters.
-    #[must_use]
-    pub fn as_str(&self) -> &str {
-        ascii_text(&self.digits[self.start..])
-    }
-
-    fn push(&mut self, digit: u8) {
-        self.start -= 1;
-        self.digits[self.start] = digit;
     }
 }
 

@@ -139,7 +139,13 @@ impl FieldWriter<'_> {
         let number = meanings::decode_number(object, short.bits, short.len, self.profile);
         let counted = meanings::value_len(object, short.bits, short.len, self.profile);
         let end = 4 + if short.len == 0 { len as u16 } else { counted.into() };
-        self.emit_int("value", (4, end), number);
+        let Some(place) = meanings::number_place(object, short, self.profile) else {
+            return self.emit_int("value", (4, end), number);
+        };
+        let end = end.min(self.frame.len.into());
+        let value = FieldValue::Int(number);
+        let field = Field { name: "value", start: 4_u16.min(end), end, value, meaning: "" };
+        self.sink.number_field(field, place);
     }
 
     fn emit_size(&mut self, size: Option<u32>) {

@@ -3,12 +3,12 @@
 use core::fmt::{self, Write};
 
 use super::names;
-use crate::explain::ExplainSink;
+use crate::explain::{ByteOrder, ExplainSink, NumberPlace};
 use crate::profile::{Encoding, Parameter, Profile};
 use crate::proto::canopen::cia402::{ControlCommand, DriveState, OperationMode};
 use crate::proto::canopen::emcy::class_text;
 use crate::proto::canopen::pdo::{CobId, MappingEntry, Transmission};
-use crate::proto::canopen::sdo::{AbortCode, ObjectIndex};
+use crate::proto::canopen::sdo::{AbortCode, ExpeditedData, ObjectIndex};
 
 /// Formats into a sink's text.
 pub(super) struct SinkWriter<'a>(pub &'a mut dyn ExplainSink);
@@ -103,6 +103,25 @@ pub fn decode_number(
     } else {
         ((bits << rest) >> rest).into()
     }
+}
+
+/// The place of an expedited value in its frame, where the value is a number that has the same words around it whatever
+/// it is.
+#[must_use]
+pub(super) fn number_place(
+    object: ObjectIndex,
+    short: ExpeditedData,
+    profile: Option<&'static Profile>,
+) -> Option<NumberPlace> {
+    let is_wide = short.len < 4 && short.bits >> (8 * short.len) != 0;
+    let parameter = find_parameter(object, profile);
+    let is_real = parameter.is_some_and(|parameter| parameter.encoding.is_real());
+    let is_number = matches!(short.len, 1..=4) && !is_wide && !is_real;
+    (is_number && has_constant_meaning(object, profile)).then(|| NumberPlace {
+        order: ByteOrder::LowFirst,
+        is_signed: is_signed(object, profile),
+        ..NumberPlace::unsigned(4, short.len)
+    })
 }
 
 /// An object's name and value.

@@ -4,11 +4,11 @@ use core::fmt::Write as _;
 
 use super::fields;
 use super::meanings::{self, SinkWriter};
-use crate::explain::{Context, ExplainSink};
+use crate::explain::{Context, ExplainSink, NumberPlace, NumberStyle};
 use crate::medium::Frame;
 use crate::profile::Profile;
 use crate::proto::canopen::cob::Cob;
-use crate::proto::canopen::sdo::{SdoReply, SdoRequest};
+use crate::proto::canopen::sdo::{ExpeditedData, ObjectIndex, SdoReply, SdoRequest};
 use crate::proto::canopen::text::{self, Statement};
 use crate::proto::canopen::{emcy, lss};
 
@@ -24,12 +24,54 @@ pub(super) fn write_meaning(
     let again = statement.frame(node);
     // A request for a state has any length.
     let same = frame.remote || again.bytes() == frame.bytes();
+    if let Statement::Reply(SdoReply::Value(object, short), 8) = *statement
+        && same
+        && let Some(place) = meanings::number_place(object, short, context.profile)
+    {
+        return write_number(object, short, place, context.profile, sink);
+    }
     let mut pieces = SinkWriter(sink);
     let written = same && text::write(statement, &signs, &mut pieces).unwrap_or(false);
     if !written {
         let _ = text::write(&Statement::Raw(*frame), &signs, &mut pieces);
     }
     write_remark(statement, frame, context, sink);
+}
+
+/// Writes the answer to a read, `value 0x6064:0 i32 53910 (position actual = 53910)`, with the places of its numbers.
+fn write_number(
+    object: ObjectIndex,
+    short: ExpeditedData,
+    place: NumberPlace,
+    profile: Option<&'static Profile>,
+    sink: &mut dyn ExplainSink,
+) {
+    let raw = meanings::decode_number(object, short.bits, short.len, profile);
+    sink.text("value ");
+    write_digits(object.index.into(), NumberStyle::Hex(4), sink);
+    sink.text(":");
+    write_digits(object.sub.into(), NumberStyle::Whole, sink);
+    let (letter, style) = if place.is_signed {
+        (" i", NumberStyle::Whole)
+    } else {
+        (" u", NumberStyle::Hex(2 * short.len))
+    };
+    sink.text(letter);
+    write_digits(8 * i64::from(short.len), NumberStyle::Whole, sink);
+    sink.text(" ");
+    sink.number(raw, style, place);
+    let mut remark = RemarkWriter { sink, open: false };
+    let _ = meanings::write_label(object, profile, &mut remark);
+    remark.open();
+    remark.sink.number(raw, NumberStyle::Whole, place);
+    let _ = meanings::write_meaning(object, raw, profile, &mut remark);
+    sink.text(")");
+}
+
+fn write_digits(number: i64, style: NumberStyle, sink: &mut dyn ExplainSink) {
+    if let Some(digits) = style.text_of(number) {
+        sink.text(digits.as_str());
+    }
 }
 
 /// Remark beyond the language, in parentheses.
@@ -52,13 +94,25 @@ struct RemarkWriter<'a> {
     open: bool,
 }
 
-impl core::fmt::Write for RemarkWriter<'_> {
-    fn write_str(&mut self, piece: &str) -> core::fmt::Result {
-        if !self.open && !piece.is_empty() {
+impl RemarkWriter<'_> {
+    fn open(&mut self) {
+        if !self.open {
             self.sink.text(" (");
             self.open = true;
         }
+    }
+}
+
+impl core::fmt::Write for RemarkWriter<'_> {
+    fn write_str(&mut self, piece: &str) -> core::fmt::Result {
+        if !piece.is_empty() {
+            self.open();
+        }
         // A parenthesis would end the remark, a semicolon the instruction.
+        if !piece.bytes().any(|byte| matches!(byte, b';' | b'(' | b')')) {
+            self.sink.text(piece);
+            return Ok(());
+        }
         for (at, part) in piece.split(';').enumerate() {
             self.sink.text(if at > 0 { "," } else { "" });
             part.split(['(', ')']).for_each(|part| self.sink.text(part));

@@ -5,11 +5,11 @@ use super::number_text::write_scaled;
 use super::{ModbusDissector, NAMED_MAX, is_reply};
 use crate::convert::tail;
 use crate::explain::{
-    Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue, RawFrame,
-    ReplyExpectation, ShortText, ValueSource,
+    Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue,
+    NumberPlace, RawFrame, ReplyExpectation, ShortText, ValueSource,
 };
-use crate::profile::{Parameter, Profile};
-use crate::proto::modbus::encoding::{decode, register_count, words_from};
+use crate::profile::{Encoding, Parameter, Profile};
+use crate::proto::modbus::encoding::{decode, number_place, register_count, words_from};
 use crate::proto::modbus::wire::{
     BROADCAST, EXCEPTION_BIT, Exception, ReplyPdu, RequestPdu, Space, WireFormat, word,
 };
@@ -190,10 +190,12 @@ fn parameter_covering(
     })
 }
 
-/// Reports the values of a PDU. Without a stated drive, the line of text has the registers' numbers, and the names of a
-/// usual drive are added behind it.
+/// Reports the values of a PDU. Without a stated drive, the line of text has the registers' numbers, and the names
+/// of a usual drive are added behind it. `origin` is the byte of the frame at which the registers of a reply begin,
+/// where they are bytes.
 pub(super) fn report_values(
     pdu: &[u8],
+    origin: Option<usize>,
     context: &Context<'_>,
     request_bytes: Option<&[u8]>,
     sink: &mut dyn ExplainSink,
@@ -206,6 +208,7 @@ pub(super) fn report_values(
         assumed_profile: doubted,
         names_shown: 0,
         next_parameter: 0,
+        origin: origin.filter(|_| reply),
         sink,
     };
     if reply {
@@ -256,6 +259,8 @@ struct ValueReporter<'a> {
     names_shown: usize,
     /// Behind the parameter that was found last.
     next_parameter: usize,
+    /// Byte of the frame at which the registers begin, where they are bytes of it.
+    origin: Option<usize>,
     sink: &'a mut dyn ExplainSink,
 }
 
@@ -267,7 +272,7 @@ impl ValueReporter<'_> {
                 for address in (0..count).map(|at| start.wrapping_add(at)) {
                     self.find_parameter(space, address)
                         .into_iter()
-                        .for_each(|p| self.write_name(p, None));
+                        .for_each(|p| self.write_name(p, None, None));
                 }
             }
             RequestPdu::WriteRegister { address, value } => {
@@ -297,7 +302,12 @@ impl ValueReporter<'_> {
     }
 
     /// Writes a name of an assumed drive after the line.
-    fn write_name(&mut self, parameter: &'static Parameter, raw: Option<i64>) {
+    fn write_name(
+        &mut self,
+        parameter: &'static Parameter,
+        raw: Option<i64>,
+        place: Option<NumberPlace>,
+    ) {
         let Some(profile) = self.assumed_profile.filter(|_| self.names_shown < NAMED_MAX) else {
             return;
         };
@@ -312,7 +322,7 @@ impl ValueReporter<'_> {
         self.sink.text(parameter.name);
         if let Some(raw) = raw {
             self.sink.text(" = ");
-            write_scaled(parameter, raw, self.sink);
+            write_scaled(parameter, raw, place, self.sink);
         }
     }
 
@@ -344,12 +354,14 @@ impl ValueReporter<'_> {
             match parameter.filter(|_| at + wide <= count) {
                 Some(parameter) => {
                     let raw = decode(parameter.encoding, words_from(data, at));
-                    self.report_parameter(parameter, raw);
+                    let place = self.place_of(parameter.encoding, at, parameter.values);
+                    self.report_parameter(parameter, raw, place);
                     at += wide;
                 }
                 None => {
                     let label = self.value_label(space, address);
-                    self.emit_frame_value(ValueSource::Named(label.as_str()), first.into());
+                    let place = self.place_of(Encoding::U16, at, &[]);
+                    self.emit_frame_value(ValueSource::Named(label.as_str()), first.into(), place);
                     at += 1;
                 }
             }
@@ -361,10 +373,10 @@ impl ValueReporter<'_> {
             let Some(byte) = data.get(usize::from(at / 8)) else { return };
             let (address, raw) = (start.wrapping_add(at), i64::from(byte >> (at % 8) & 1));
             match self.find_parameter(space, address) {
-                Some(parameter) => self.report_parameter(parameter, raw),
+                Some(parameter) => self.report_parameter(parameter, raw, None),
                 None => {
                     let label = self.value_label(space, address);
-                    self.emit_frame_value(ValueSource::Named(label.as_str()), raw);
+                    self.emit_frame_value(ValueSource::Named(label.as_str()), raw, None);
                 }
             }
         }
@@ -380,12 +392,31 @@ impl ValueReporter<'_> {
         ShortText::from_display(format_args!("{word} 0x{address:04X}"))
     }
 
-    fn report_parameter(&mut self, parameter: &'static Parameter, raw: i64) {
-        self.emit_frame_value(ValueSource::Parameter(parameter), raw);
-        self.write_name(parameter, Some(raw));
+    /// The place of the value whose first register is the `at`-th.
+    fn place_of(
+        &self,
+        encoding: Encoding,
+        at: usize,
+        named: &'static [(i64, &'static str)],
+    ) -> Option<NumberPlace> {
+        number_place(encoding, self.origin? + 2 * at, named)
     }
 
-    fn emit_frame_value(&mut self, what: ValueSource<'_>, raw: i64) {
-        self.sink.frame_value(FrameValue { source: what, raw, written: self.written, motor: 0 });
+    fn report_parameter(
+        &mut self,
+        parameter: &'static Parameter,
+        raw: i64,
+        place: Option<NumberPlace>,
+    ) {
+        self.emit_frame_value(ValueSource::Parameter(parameter), raw, place);
+        self.write_name(parameter, Some(raw), place);
+    }
+
+    fn emit_frame_value(&mut self, source: ValueSource<'_>, raw: i64, place: Option<NumberPlace>) {
+        let reading = FrameValue { source, raw, written: self.written, motor: 0 };
+        match place {
+            Some(place) => self.sink.number_value(reading, place),
+            None => self.sink.frame_value(reading),
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! The places of fields in a frame.
 
 use crate::error::WireError;
-use crate::explain::{ExplainSink, Field, FieldValue};
+use crate::explain::{ExplainSink, Field, FieldValue, NumberPlace};
 use crate::proto::modbus::tcp;
 use crate::proto::modbus::wire::WireFormat;
 
@@ -51,12 +51,20 @@ impl FrameLayout {
         let found = check.iter().fold(0, |found, &byte| found << 8 | u64::from(byte));
         let wrong = matches!(error, Some(WireError::Checksum { .. }));
         let value = FieldValue::Hex(found, 2 * check.len() as u8);
-        self.emit_field(
-            sink,
-            name,
-            len..len + check.len(),
-            value,
-            if wrong { "wrong" } else { "" },
-        );
+        let (start, end) = (self.offset_of(len), self.offset_of(len + check.len()));
+        let meaning = if wrong { "wrong" } else { "" };
+        let field = Field { name, start, end, value, meaning };
+        match (self.number_origin(), u8::try_from(len)) {
+            (Some(_), Ok(at)) => {
+                sink.number_field(field, NumberPlace::unsigned(at, check.len() as u8));
+            }
+            _ => sink.field(field),
+        }
+    }
+
+    /// First byte of the registers in the reply to a read; `None` where they are not bytes of the frame, or no reply to
+    /// another request has the same bytes.
+    pub(super) fn number_origin(self) -> Option<usize> {
+        (self.format == WireFormat::Rtu).then_some(3)
     }
 }

@@ -1,30 +1,13 @@
 //! Numbers as text without `core::fmt`, for speed.
 
 use crate::convert::ascii_text;
-use crate::explain::{ExplainSink, ShortText};
+use crate::explain::{Decimal, ExplainSink, NumberPlace, NumberStyle, ShortText};
 use crate::profile::{Encoding, Parameter};
 
 const DIGITS_MAX: usize = 24;
-/// Decimals of a scaled value.
-const DECIMALS: i64 = 1000;
 
 pub(super) fn write_decimal(value: i64, sink: &mut dyn ExplainSink) {
-    let mut buffer = [0; DIGITS_MAX];
-    let mut at = DIGITS_MAX;
-    let mut rest = value.unsigned_abs();
-    loop {
-        at -= 1;
-        buffer[at] = b'0' + (rest % 10) as u8;
-        rest /= 10;
-        if rest == 0 {
-            break;
-        }
-    }
-    if value < 0 {
-        at -= 1;
-        buffer[at] = b'-';
-    }
-    write_ascii(&buffer[at..], sink);
+    sink.text(Decimal::of(value).as_str());
 }
 
 pub(super) fn write_hex(value: u64, digits: usize, sink: &mut dyn ExplainSink) {
@@ -37,8 +20,21 @@ pub(super) fn write_hex(value: u64, digits: usize, sink: &mut dyn ExplainSink) {
     write_ascii(&buffer[..end], sink);
 }
 
+/// Writes a number as it is in the frame.
+pub(super) fn write_raw(raw: i64, place: Option<NumberPlace>, sink: &mut dyn ExplainSink) {
+    match place {
+        Some(place) => sink.number(raw, NumberStyle::Whole, place),
+        None => write_decimal(raw, sink),
+    }
+}
+
 /// A parameter's value in its unit, or its name; raw where the scale hangs on other parameters.
-pub(super) fn write_scaled(parameter: &'static Parameter, raw: i64, sink: &mut dyn ExplainSink) {
+pub(super) fn write_scaled(
+    parameter: &'static Parameter,
+    raw: i64,
+    place: Option<NumberPlace>,
+    sink: &mut dyn ExplainSink,
+) {
     if let Some((_, name)) = parameter.values.iter().find(|(value, _)| *value == raw) {
         write_decimal(raw, sink);
         sink.text(" (");
@@ -48,22 +44,27 @@ pub(super) fn write_scaled(parameter: &'static Parameter, raw: i64, sink: &mut d
     }
     let scale = &parameter.scale;
     if !scale.is_constant() {
-        write_decimal(raw, sink);
+        write_raw(raw, place, sink);
         sink.text(" raw");
         return;
     }
     let value = parameter.encoding.number(raw) * scale.factor;
     // Fixed decimals are for what counts in steps.
-    if parameter.encoding.is_real() || value.abs() > STEPS_MAX {
-        let text = match parameter.encoding {
-            Encoding::F32 | Encoding::F32LowFirst => {
-                ShortText::from_display(format_args!("{:e}", value as f32))
-            }
-            _ => ShortText::from_display(format_args!("{value:e}")),
-        };
-        sink.text(text.as_str());
-    } else {
-        write_real(value, sink);
+    let style = NumberStyle::Scaled(scale.factor);
+    let is_plain = parameter.encoding.number(raw).total_cmp(&(raw as f64)).is_eq();
+    let digits = style.text_of(raw).filter(|_| is_plain && !parameter.encoding.is_real());
+    match (digits, place) {
+        (Some(_), Some(place)) => sink.number(raw, style, place),
+        (Some(digits), None) => sink.text(digits.as_str()),
+        (None, _) => {
+            let text = match parameter.encoding {
+                Encoding::F32 | Encoding::F32LowFirst => {
+                    ShortText::from_display(format_args!("{:e}", value as f32))
+                }
+                _ => ShortText::from_display(format_args!("{value:e}")),
+            };
+            sink.text(text.as_str());
+        }
     }
     let unit = parameter.unit.symbol();
     if !unit.is_empty() {
@@ -72,26 +73,29 @@ pub(super) fn write_scaled(parameter: &'static Parameter, raw: i64, sink: &mut d
     }
 }
 
-/// Beyond this thousandths do not fit the integer that they are counted in.
-const STEPS_MAX: f64 = 9.0e12;
+fn write_ascii(characters: &[u8], sink: &mut dyn ExplainSink) {
+    sink.text(ascii_text(characters));
+}
 
-/// At most three decimals, none where they are zero.
-fn write_real(value: f64, sink: &mut dyn ExplainSink) {
-    let thousandths = libm::round(value * DECIMALS as f64) as i64;
-    let (whole, part) = (thousandths / DECIMALS, (thousandths % DECIMALS).abs());
-    if thousandths < 0 && whole == 0 {
-        sink.text("-");
-    }
-    write_decimal(whole, sink);
-    if part != 0 {
-        let digits =
-            [b'0' + (part / 100) as u8, b'0' + (part / 10 % 10) as u8, b'0' + (part % 10) as u8];
-        let len = digits.iter().rposition(|&digit| digit != b'0').map_or(0, |at| at + 1);
-        sink.text(".");
-        write_ascii(&digits[..len], sink);
+/// Writes how many more there are than were shown.
+pub(super) fn write_more(count: usize, sink: &mut dyn ExplainSink) {
+    if count > 0 {
+        sink.text(" and ");
+        write_decimal(count as i64, sink);
+        sink.text(" more");
     }
 }
 
-fn write_ascii(characters: &[u8], sink: &mut dyn ExplainSink) {
-    sink.text(ascii_text(characters));
+/// Writes the active lines, counted from 1 as the TS manual V2 §2.3 does; at most `max` by number.
+pub(super) fn write_bits(bits: &[u8], count: u16, max: usize, sink: &mut dyn ExplainSink) {
+    let on = |at: &u16| bits.get(usize::from(at / 8)).is_some_and(|byte| byte >> (at % 8) & 1 == 1);
+    let all = (0..count).filter(on).count();
+    for (nth, at) in (0..count).filter(on).take(max).enumerate() {
+        sink.text(if nth > 0 { " " } else { "on: " });
+        write_decimal(i64::from(at) + 1, sink);
+    }
+    if all == 0 {
+        sink.text("all off");
+    }
+    write_more(all.saturating_sub(max), sink);
 }

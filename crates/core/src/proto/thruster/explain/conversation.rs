@@ -2,12 +2,13 @@
 
 use super::interpretation_of;
 use crate::explain::{
-    ConversationContext, Effect, ExplainSink, FrameRole, FrameValue, Impact, RawFrame, ReplyCount,
-    ReplyExpectation, ValueSource,
+    ConversationContext, Effect, ExplainSink, FrameRole, FrameValue, Impact, NumberPlace, RawFrame,
+    ReplyCount, ReplyExpectation, ValueSource,
 };
 use crate::profile::Profile;
 use crate::proto::thruster::interpretation::{Interpretation, ReplyFormat, is_command};
 use crate::proto::thruster::rules::{self, class_of};
+use crate::proto::thruster::text::measured_number;
 use crate::proto::thruster::wire::{
     CommandKind, CommandWord, DriveMessage, HeaderlessReport, REFUSED, Reply, ReportFrame, Request,
     node_of_id,
@@ -129,6 +130,7 @@ pub(super) fn report_request_values(
             request.command,
             request.command.width().decode(data),
             true,
+            None,
             profile,
             sink,
         );
@@ -143,9 +145,13 @@ pub(super) fn report_message_values(
     sink: &mut dyn ExplainSink,
 ) {
     let mut say =
-        |command: CommandWord, raw: i64| emit_frame_value(command, raw, false, profile, sink);
+        |command: CommandWord, raw: i64| emit_frame_value(command, raw, false, None, profile, sink);
     match message {
-        DriveMessage::Reply(Reply { command, data, .. }) => {
+        DriveMessage::Reply(reply) => {
+            let Reply { command, data, .. } = reply;
+            if let Some((raw, _, place)) = measured_number(reply) {
+                return emit_frame_value(*command, raw, false, Some(place), profile, sink);
+            }
             let query = matches!(command.definition(), Some((CommandKind::Query, _)));
             let refused = *data == REFUSED && requested != Some(REFUSED);
             if query && !refused && *command != CommandWord::RP {
@@ -197,6 +203,7 @@ fn emit_frame_value(
     command: CommandWord,
     raw: i64,
     written: bool,
+    place: Option<NumberPlace>,
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
@@ -204,5 +211,9 @@ fn emit_frame_value(
     let parameter = parameters.find(|parameter| is_command(parameter, command));
     let letters = command.letters();
     let what = parameter.map_or(ValueSource::Named(letters.as_str()), ValueSource::Parameter);
-    sink.frame_value(FrameValue { source: what, raw, written, motor: 0 });
+    let reading = FrameValue { source: what, raw, written, motor: 0 };
+    match place {
+        Some(place) => sink.number_value(reading, place),
+        None => sink.frame_value(reading),
+    }
 }

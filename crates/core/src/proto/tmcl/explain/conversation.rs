@@ -5,8 +5,8 @@ use super::{
     unchecked_request,
 };
 use crate::explain::{
-    Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue, RawFrame,
-    ReplyExpectation, ShortText, ValueSource,
+    Context, ConversationContext, Direction, Effect, ExplainSink, FrameRole, FrameValue,
+    NumberPlace, RawFrame, ReplyExpectation, ShortText, ValueSource,
 };
 use crate::profile::{Parameter, Profile, Signal};
 use crate::proto::tmcl::ascii;
@@ -200,7 +200,7 @@ pub(super) fn report_request_values(
                 sink,
             );
         }
-        Opcode::Sap | Opcode::Sgp => report_parameter(request, raw, true, profile, sink),
+        Opcode::Sap | Opcode::Sgp => report_parameter(request, raw, None, profile, sink),
         _ => {}
     }
 }
@@ -212,16 +212,17 @@ fn parameter_of_signal(
     signal_parameter(profile, signal)
 }
 
-/// Reports the value of a parameter in a reply.
+/// Reports the value of a parameter in a reply, which is at `place`.
 pub(super) fn report_reply_values(
     request: &Request,
     reply: &Reply,
+    place: NumberPlace,
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
     let reads = matches!(request.opcode, Opcode::Gap | Opcode::Ggp);
     if reads && reply.opcode == request.opcode && reply.status == Status::Ok {
-        report_parameter(request, reply.value.into(), false, profile, sink);
+        report_parameter(request, reply.value.into(), Some(place), profile, sink);
     }
 }
 
@@ -244,31 +245,34 @@ fn report_setpoint(
     sink.frame_value(FrameValue { source: what, raw, written: true, motor: part });
 }
 
+/// Reports the value of a parameter: a drive's at `place`, or without one a value that the host writes.
 fn report_parameter(
     request: &Request,
     raw: i64,
-    written: bool,
+    place: Option<NumberPlace>,
     profile: Option<&'static Profile>,
     sink: &mut dyn ExplainSink,
 ) {
     let Request { opcode, kind, motor, .. } = *request;
     let of_axis = matches!(opcode, Opcode::Sap | Opcode::Gap);
-    let part = if of_axis { motor } else { 0 };
-    if let Some(parameter) = parameter_of(request, profile) {
-        let what = ValueSource::Parameter(parameter);
-        return sink.frame_value(FrameValue { source: what, raw, written, motor: part });
-    }
-    let label = match (of_axis, motor) {
-        (true, _) => ShortText::from_display(format_args!("AP {kind}")),
-        (false, 0) => ShortText::from_display(format_args!("GP {kind}")),
-        (false, bank) => ShortText::from_display(format_args!("GP {kind}.{bank}")),
+    let motor_part = if of_axis { motor } else { 0 };
+    let label;
+    let source = match parameter_of(request, profile) {
+        Some(parameter) => ValueSource::Parameter(parameter),
+        None => {
+            label = match (of_axis, motor) {
+                (true, _) => ShortText::from_display(format_args!("AP {kind}")),
+                (false, 0) => ShortText::from_display(format_args!("GP {kind}")),
+                (false, bank) => ShortText::from_display(format_args!("GP {kind}.{bank}")),
+            };
+            ValueSource::Named(label.as_str())
+        }
     };
-    sink.frame_value(FrameValue {
-        source: ValueSource::Named(label.as_str()),
-        raw,
-        written,
-        motor: part,
-    });
+    let reading = FrameValue { source, raw, written: place.is_none(), motor: motor_part };
+    match place {
+        Some(place) => sink.number_value(reading, place),
+        None => sink.frame_value(reading),
+    }
 }
 
 impl PartialFrameSink<'_> {
