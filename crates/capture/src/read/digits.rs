@@ -96,6 +96,24 @@ pub(super) fn parse_hex_line(text: &[u8; 17]) -> Option<([u8; 8], usize)> {
     whole.then(|| ((data & !(u64::MAX << (4 * count))).to_le_bytes(), count as usize))
 }
 
+/// Four bytes of text such as ` 01 0A FF 00`, each behind a space.
+#[inline]
+pub(super) fn parse_four_spaced(text: &[u8; 12]) -> Option<[u8; 4]> {
+    let (head, tail) = (text.first_chunk()?, text.last_chunk()?);
+    let (low, high) = (u64::from_le_bytes(*head), u64::from(u32::from_le_bytes(*tail)));
+    if (low & 0x00FF_0000_FF00_00FF, high & 0xFF00) != (0x0020_0000_2000_0020, 0x2000) {
+        return None;
+    }
+    // The pairs of digits, one behind the other.
+    let digits = (low >> 8 & 0xFFFF)
+        | (low >> 32 & 0xFFFF) << 16
+        | (low >> 56) << 32
+        | (high & 0xFF) << 40
+        | (high >> 16) << 48;
+    let (bytes, other) = hex_bytes(digits);
+    (other == 0).then(|| (bytes as u32).to_le_bytes())
+}
+
 #[cfg(test)]
 mod tests {
     use super::{StampPrefix, parse_decimal, parse_hex, parse_hex_line, parse_stamp};

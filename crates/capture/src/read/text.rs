@@ -371,17 +371,18 @@ pub(super) fn parse_usual_line(bytes: &[u8], before: &mut LineContext) -> Option
     let (stamp, rest) = bytes.split_first_chunk::<20>()?;
     let time = Timestamp(digits::parse_stamp(stamp, &mut before.stamp_prefix)?.checked_mul(1000)?);
     let content = before.split_link(rest)?;
-    let (data, rest) = match content {
-        [b'>', digits @ ..] => parse_serial(Direction::ToDrive, digits)?,
-        [b'<', digits @ ..] => parse_serial(Direction::ToHost, digits)?,
-        _ => parse_frame(content)?,
-    };
+    if let [b'>' | b'<', ..] = content {
+        let (data, rest) = parse_serial(content)?;
+        return Some(UsualLine { time, data, bytes: bytes.len() - rest.len() });
+    }
+    let (frame, rest) = parse_frame(content)?;
+    let data = UsualData::Frame(frame);
     Some(UsualLine { time, data, bytes: bytes.len() - rest.len() })
 }
 
 /// A frame, and what is behind its line.
 #[inline]
-fn parse_frame(content: &[u8]) -> Option<(UsualData, &[u8])> {
+fn parse_frame(content: &[u8]) -> Option<(Frame, &[u8])> {
     let (id, extended, text) = match content {
         [a, b, c, b'#', data @ ..] => (parse_id(&[*a, *b, *c])?, false, data),
         _ => {
@@ -396,15 +397,19 @@ fn parse_frame(content: &[u8]) -> Option<(UsualData, &[u8])> {
     }
     debug_assert!(count <= 16, "a classic frame has at most eight bytes");
     let frame = Frame { id, extended, remote: false, len: (count / 2) as u8, data };
-    Some((UsualData::Frame(frame), &text[count + 1..]))
+    Some((frame, &text[count + 1..]))
 }
 
-/// Bytes of a serial line, and what is behind their line.
-fn parse_serial(direction: Direction, text: &[u8]) -> Option<(UsualData, &[u8])> {
+/// Bytes of a serial line with their direction, and what is behind their line. Apart, so that the way of frames stays
+/// short.
+#[inline(never)]
+fn parse_serial(content: &[u8]) -> Option<(UsualData, &[u8])> {
+    let (mark, text) = content.split_first()?;
+    let direction = if *mark == b'>' { Direction::ToDrive } else { Direction::ToHost };
     let (mut bytes, mut len) = ([0; UsualData::SERIAL_MAX], 0);
-    let rest = parse_spaced_bytes(text, |byte| {
-        *bytes.get_mut(len)? = byte;
-        len += 1;
+    let rest = parse_spaced_bytes(text, |some| {
+        bytes.get_mut(len..len + some.len())?.copy_from_slice(some);
+        len += some.len();
         Some(())
     })?;
     let rest = rest.strip_prefix(b"\n").filter(|_| len > 0)?;
@@ -425,24 +430,30 @@ fn parse_serial_line(
         _ => return None,
     };
     bytes.clear();
-    let rest = parse_spaced_bytes(digits, |byte| {
-        bytes.push(byte);
+    let rest = parse_spaced_bytes(digits, |some| {
+        bytes.extend_from_slice(some);
         Some(())
     })?;
     (rest.is_empty() && !bytes.is_empty()).then_some((time, Some(direction)))
 }
 
-/// Gives bytes that are each behind a space, and returns what is behind them; `None` for other digits, or if a byte is
-/// not taken.
+/// Gives bytes that are each behind a space, and returns what is behind them; `None` for other digits, or if some bytes
+/// are not taken.
 #[inline]
-fn parse_spaced_bytes(text: &[u8], mut take: impl FnMut(u8) -> Option<()>) -> Option<&[u8]> {
+fn parse_spaced_bytes(text: &[u8], mut take: impl FnMut(&[u8]) -> Option<()>) -> Option<&[u8]> {
     let mut rest = text;
+    while let Some((four, after)) = rest.split_first_chunk()
+        && let Some(bytes) = digits::parse_four_spaced(four)
+    {
+        take(&bytes)?;
+        rest = after;
+    }
     while let [b' ', high, low, after @ ..] = rest {
         let (high, low) = (HEX[usize::from(*high)], HEX[usize::from(*low)]);
         if (high | low) >= 16 {
             return None;
         }
-        take(high << 4 | low)?;
+        take(&[high << 4 | low])?;
         rest = after;
     }
     Some(rest)
