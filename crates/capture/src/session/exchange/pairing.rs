@@ -4,6 +4,7 @@ mod acknowledgement;
 mod candidate;
 mod expiry;
 
+use core::cell::Cell;
 use core::fmt::Write as _;
 use std::collections::VecDeque;
 
@@ -18,6 +19,7 @@ use crate::session::{
     Quality, SessionNotice, intern,
 };
 use crate::timestamp::Timestamp;
+use candidate::AnswerSearch;
 
 /// Requests of a link that are remembered, settled or not.
 const REQUESTS_MAX: usize = 64;
@@ -43,6 +45,9 @@ pub(super) struct Pairing {
     /// The newest is the last.
     // Boxed, because they change places often.
     requests: VecDeque<Box<TrackedRequest>>,
+    /// Number of changes of the requests.
+    revision: u64,
+    last_search: Cell<Option<AnswerSearch>>,
     /// A request that is over, whose buffers the next one gets.
     spare: Option<Box<TrackedRequest>>,
     operations: Vec<InternedName>,
@@ -173,7 +178,7 @@ impl Pairing {
         answer: &RawFrame<'_>,
         now: Option<Timestamp>,
     ) -> Option<RawFrame<'_>> {
-        Some(self.requests[self.find_candidate(dissector, answer, now)?].frame.raw())
+        Some(self.requests[self.candidate(dissector, answer, now)?].frame.raw())
     }
 
     /// Request that defines the format of an axis' replies.
@@ -205,6 +210,7 @@ impl Pairing {
         explanation: &Explanation,
         notices: &mut Vec<SessionNotice>,
     ) {
+        self.revision += 1;
         self.note_start(observed.time);
         self.request_count = self.request_count.saturating_add(1);
         // Before anything else: a repetition belongs to the request that it repeats.
@@ -326,7 +332,8 @@ impl Pairing {
         let fits = |request: &TrackedRequest| {
             observed.dissector.is_answer_to(&observed.raw, &request.frame.raw())
         };
-        let open = self.find_candidate(observed.dissector, &observed.raw, observed.time);
+        let open = self.candidate(observed.dissector, &observed.raw, observed.time);
+        self.revision += 1;
         if let Some(at) = open.filter(|at| self.requests[*at].awaits_answer()) {
             self.answers += 1;
             let is_doubtful = self.is_doubtful(at, observed);
@@ -541,6 +548,7 @@ impl Pairing {
         observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) {
+        self.revision += 1;
         let Some(at) = self.requests.iter().rposition(|request| request.awaits_answer()) else {
             return;
         };

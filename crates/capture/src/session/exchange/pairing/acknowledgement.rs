@@ -30,6 +30,7 @@ impl Pairing {
         observed: &ObservedFrame<'_>,
         notices: &mut Vec<SessionNotice>,
     ) -> Quality {
+        self.revision += 1;
         self.note_start(observed.time);
         self.acks += 1;
         // The oldest: an acknowledgement carries no address, and a line keeps its order (TML on RS-232).

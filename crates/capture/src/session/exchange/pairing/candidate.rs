@@ -6,6 +6,21 @@ use super::{Pairing, RequestState, TrackedRequest};
 use crate::session::ObservedFrame;
 use crate::timestamp::Timestamp;
 
+/// Bytes of an answer whose search is remembered.
+const SEARCHED_MAX: usize = 16;
+
+/// The last search for the request of an answer. An answer is explained by its request and then paired with it: both
+/// times the search is the same, unless something of the requests changed in between.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) struct AnswerSearch {
+    revision: u64,
+    bytes: [u8; SEARCHED_MAX],
+    len: usize,
+    id: Option<u32>,
+    now: Option<Timestamp>,
+    found: Option<usize>,
+}
+
 /// Answers after which it is known how long they usually take …
 const USUAL_MIN: u64 = 4;
 /// … which is twice the longest so far, and this besides, ns: adapters pass frames on in bunches.
@@ -13,10 +28,33 @@ const USUAL_SLACK: u64 = 5_000_000;
 
 impl Pairing {
     /// The request that an answer belongs to, if it comes now, among those that wait for one.
+    pub(super) fn candidate(
+        &self,
+        dissector: &dyn Dissector,
+        answer: &RawFrame<'_>,
+        now: Option<Timestamp>,
+    ) -> Option<usize> {
+        let (mut bytes, len, id) = ([0; SEARCHED_MAX], answer.bytes.len(), answer.id);
+        let Some(head) = bytes.get_mut(..len).filter(|_| !answer.extended) else {
+            return self.find_candidate(dissector, answer, now);
+        };
+        head.copy_from_slice(answer.bytes);
+        let search = AnswerSearch { revision: self.revision, bytes, len, id, now, found: None };
+        if let Some(last) = self.last_search.get()
+            && last == (AnswerSearch { found: last.found, ..search })
+        {
+            return last.found;
+        }
+        let found = self.find_candidate(dissector, answer, now);
+        self.last_search.set(Some(AnswerSearch { found, ..search }));
+        found
+    }
+
+    /// Searches for the request of an answer.
     ///
     /// A host that waited longer than answers take before it asked again has given the requests before that one up, so
     /// the answer belongs to the newest. Of several that were sent without such a pause, the oldest is answered first.
-    pub(super) fn find_candidate(
+    fn find_candidate(
         &self,
         dissector: &dyn Dissector,
         answer: &RawFrame<'_>,

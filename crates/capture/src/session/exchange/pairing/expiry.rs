@@ -16,6 +16,7 @@ impl Pairing {
         if self.due.is_none_or(|due| now < due) {
             return;
         }
+        self.revision += 1;
         self.due = None;
         for at in 0..self.requests.len() {
             let request = &self.requests[at];
