@@ -14,7 +14,7 @@ mod summary_text;
 use std::collections::{BTreeMap, HashMap};
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
-use crate::batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate};
+use crate::batch::{CompactFrame, FrameBatch, FrameRun, FrameTemplate, TemplateContent};
 use crate::decoder::DecodedFrame;
 use crate::session::{AnomalyKind, ExchangeOutcome, InternedName, SessionNotice, intern};
 use crate::timestamp::Timestamp;
@@ -153,6 +153,41 @@ struct TemplatePlace {
     frames: u64,
     /// Index of each value of process data; `None` without room for it.
     values: Vec<Option<usize>>,
+    /// Bits on the wire of frames that are all the same.
+    bits: Option<u64>,
+    /// Indices of the notices of answers, by their order.
+    notices: Vec<NoticePlace>,
+}
+
+/// Place at which a notice is counted: a template's answers mostly have the same ones.
+#[derive(Clone, Copy, Debug)]
+struct NoticePlace {
+    name: InternedName,
+    axis: Option<u32>,
+    number: usize,
+}
+
+impl TemplatePlace {
+    /// The number of the notice at `at`, or the one that `find` gives, which is kept.
+    fn notice_number(
+        &mut self,
+        at: usize,
+        name: InternedName,
+        axis: Option<u32>,
+        find: impl FnOnce() -> Option<usize>,
+    ) -> Option<usize> {
+        let known = self.notices.get(at);
+        if let Some(known) = known.filter(|it| core::ptr::eq(it.name, name) && it.axis == axis) {
+            return Some(known.number);
+        }
+        let place = NoticePlace { name, axis, number: find()? };
+        if at < self.notices.len() {
+            self.notices[at] = place;
+        } else if at == self.notices.len() {
+            self.notices.push(place);
+        }
+        Some(place.number)
+    }
 }
 
 impl Summary {
@@ -196,7 +231,9 @@ impl Summary {
                     let (protocol, link) = (place.protocol, place.link);
                     let (number, time) = (frame.number, Some(frame.time));
                     let origin = NoticeOrigin { link, protocol, number, time };
-                    batch.notices(answer).iter().for_each(|it| self.add_notice(it, origin));
+                    for (at, notice) in batch.notices(answer).iter().enumerate() {
+                        self.add_answer_notice(at, notice, origin, place);
+                    }
                 }
                 FrameRun::Stored(at) => batch.with_stored(at, |event| self.add_frame(event)),
             }
@@ -219,6 +256,7 @@ impl Summary {
             let mapped = process.mapping().mapped_values().iter();
             values.extend(mapped.map(|mapped| self.values.number((who, mapped.name), VALUES_MAX)));
         }
+        let is_constant = matches!(template.content, TemplateContent::Constant(_));
         TemplatePlace {
             frame: place,
             link,
@@ -226,6 +264,8 @@ impl Summary {
             on_can: template.id.is_some(),
             frames: 0,
             values,
+            bits: is_constant.then(|| load::compact_bits(template, frame)),
+            notices: Vec::new(),
         }
     }
 
@@ -236,7 +276,8 @@ impl Summary {
         place: &mut TemplatePlace,
     ) {
         place.frames += 1;
-        let (bits, bytes) = (load::compact_bits(template, frame), template.len.into());
+        let bits = place.bits.unwrap_or_else(|| load::compact_bits(template, frame));
+        let bytes = template.len.into();
         self.count_frame(place.frame, Some(frame.time), bytes, bits, place.on_can);
         let Some(process) = template.process_data() else { return };
         let (quality, mut at) = (process.quality(), 0);
@@ -345,6 +386,38 @@ impl Summary {
             self.kind_numbers.insert(key, self.kinds.len() - 1);
             self.kinds.len() - 1
         })
+    }
+
+    /// Takes the notice at `at` of an answer that has a template.
+    fn add_answer_notice(
+        &mut self,
+        at: usize,
+        notice: &SessionNotice,
+        origin: NoticeOrigin,
+        place: &mut TemplatePlace,
+    ) {
+        let (axis, NoticeOrigin { link, protocol, number, .. }) = (notice.axis(), origin);
+        let who = AxisKey { link, protocol, axis };
+        match notice {
+            SessionNotice::Signal(signal) => {
+                let find = || self.values.number((who, signal.name), VALUES_MAX);
+                match place.notice_number(at, signal.name, axis, find) {
+                    Some(number) => {
+                        let values = self.values.value_mut(number);
+                        values.add(signal.value, signal.exact, signal.unit, signal.quality);
+                    }
+                    None => self.dropped += 1,
+                }
+            }
+            SessionNotice::Exchange(exchange) => {
+                let find = || self.requests.number((who, exchange.op), REQUESTS_MAX);
+                match place.notice_number(at, exchange.op, axis, find) {
+                    Some(at) => self.requests.value_mut(at).add(exchange, number),
+                    None => self.dropped += 1,
+                }
+            }
+            _ => self.add_notice(notice, origin),
+        }
     }
 
     fn add_notice(&mut self, notice: &SessionNotice, origin: NoticeOrigin) {
