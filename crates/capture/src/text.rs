@@ -257,30 +257,47 @@ pub struct DurationText(pub u64);
 impl DurationText {
     /// Appends it.
     pub(crate) fn append_to(self, out: &mut Vec<u8>) {
-        let (size, unit) = match self.0 {
-            0..1000 => (1, "ns"),
-            1000..1_000_000 => (1_000, "us"),
-            1_000_000..1_000_000_000 => (1_000_000, "ms"),
-            _ => (1_000_000_000, "s"),
+        let DurationParts { whole, rest, decimals, unit } = self.parts();
+        number_text::append_unsigned(whole, out);
+        if decimals > 0 {
+            out.push(b'.');
+            number_text::append_padded(rest, decimals, b'0', out);
+        }
+        out.extend_from_slice(unit);
+    }
+
+    /// Three digits that count: the number before the point, the one behind it and its digits, and the unit.
+    pub(crate) fn parts(self) -> DurationParts {
+        let (size, unit): (u64, &[u8]) = match self.0 {
+            0..1000 => (1, b" ns"),
+            1000..1_000_000 => (1_000, b" us"),
+            1_000_000..1_000_000_000 => (1_000_000, b" ms"),
+            _ => (1_000_000_000, b" s"),
         };
-        let value = self.0 as f64 / size as f64;
-        let decimals = if size == 1 { 0 } else { decimals(value) };
         let (whole, rest) = (self.0 / size, self.0 % size);
-        let power = 10_u64.pow(decimals as u32);
+        let decimals = match whole {
+            _ if size == 1 => 0,
+            0..10 => 2,
+            10..100 => 1,
+            _ => 0,
+        };
+        let power = [1, 10, 100][decimals];
+        let mut shown = whole * power + (2 * rest * power + size) / (2 * size);
         // Half of the last digit is rounded as the nearest binary number is, by the standard library.
         if 2 * rest * power % (2 * size) == size {
-            let _ = write!(out, "{value:.decimals$}");
-        } else {
-            let shown = whole * power + (2 * rest * power + size) / (2 * size);
-            number_text::append_unsigned(shown / power, out);
-            if decimals > 0 {
-                out.push(b'.');
-                number_text::append_padded(shown % power, decimals, b'0', out);
-            }
+            let digits = format!("{:.decimals$}", self.0 as f64 / size as f64).replace('.', "");
+            shown = digits.parse().unwrap_or(shown);
         }
-        out.push(b' ');
-        out.extend_from_slice(unit.as_bytes());
+        DurationParts { whole: shown / power, rest: shown % power, decimals, unit }
     }
+}
+
+/// Digits of a duration.
+pub(crate) struct DurationParts {
+    pub whole: u64,
+    pub rest: u64,
+    pub decimals: usize,
+    pub unit: &'static [u8],
 }
 
 impl core::fmt::Display for DurationText {
@@ -300,15 +317,6 @@ impl core::fmt::Display for NumberText {
         let rounded = (self.0 * 1e4).round() / 1e4;
         let small = rounded == 0.0 || self.0.abs() >= 1e15;
         if small { write!(f, "{}", self.0) } else { write!(f, "{rounded}") }
-    }
-}
-
-/// Decimals for three digits that count.
-fn decimals(value: f64) -> usize {
-    match value {
-        ..10.0 => 2,
-        ..100.0 => 1,
-        _ => 0,
     }
 }
 

@@ -4,7 +4,10 @@
 use polepair_core::escape::EscapedText;
 use polepair_core::explain::{Direction, NumberPlace, NumberStyle};
 
-use super::{BYTES_WIDTH, DurationText, FrameTextWriter, NoticeLevel, append_padded, latency_of};
+use super::{
+    BYTES_WIDTH, DurationParts, DurationText, FrameTextWriter, NoticeLevel, append_padded,
+    latency_of,
+};
 use crate::batch::{
     AnswerFrame, CompactFrame, FrameBatch, FrameBuffers, FrameRun, FrameTemplate, TemplateContent,
 };
@@ -120,7 +123,7 @@ impl FrameTextWriter {
         }
         let mut page = core::mem::take(&mut self.buffer);
         let (mut head, mut lines) = (self.layout, line_templates(batch, self.layout));
-        let (mut buffers, mut took) = (FrameBuffers::default(), Vec::new());
+        let mut buffers = FrameBuffers::default();
         for decoded in batch.runs() {
             match decoded {
                 FrameRun::Compact(run) => {
@@ -136,18 +139,12 @@ impl FrameTextWriter {
                     }
                 }
                 FrameRun::Answer(answer) => {
-                    took.clear();
                     let latency = latency_of(batch.notices(answer));
-                    if let Some(ns) = latency.filter(|_| style.notices != NoticeLevel::None) {
-                        took.extend_from_slice(b"  (");
-                        DurationText(ns).append_to(&mut took);
-                        took.push(b')');
-                    }
-                    took.push(b'\n');
+                    let latency = latency.filter(|_| style.notices != NoticeLevel::None);
                     let line = lines.get(usize::from(answer.frame.template));
                     let line = line.and_then(Option::as_ref);
                     if !line.is_some_and(|line| {
-                        line.append_answer(answer, self.layout, &took, &mut page, out)
+                        line.append_answer(answer, self.layout, latency, &mut page, out)
                     }) {
                         page.flush(out);
                         batch.with_answer(answer, &mut buffers, |event| self.write(event, out));
@@ -218,13 +215,13 @@ impl<'a> LineTemplate<'a> {
         (capacity <= LineBuffer::LINE_MAX).then_some(self)
     }
 
-    /// Puts the line of an answer down, which ends with `took`; false where it has words that have to be put together
-    /// first.
+    /// Puts the line of an answer down, with the nanoseconds that it took; false where it has words that have to be put
+    /// together first.
     fn append_answer(
         &self,
         answer: &AnswerFrame,
         head: LineLayout,
-        took: &[u8],
+        latency: Option<u64>,
         page: &mut LineBuffer,
         out: &mut Vec<u8>,
     ) -> bool {
@@ -243,12 +240,26 @@ impl<'a> LineTemplate<'a> {
         let start = usize::from(self.data_start);
         frame[start..start + data.len()].copy_from_slice(&data);
         let matches = self.suffix.append_answer(&frame, page);
-        if matches {
-            page.push_bytes(took);
-        } else {
+        if !matches {
             page.rewind(begin);
+            return false;
         }
-        matches
+        if let Some(ns) = latency {
+            const ZERO: u64 = b'0' as u64;
+            let DurationParts { whole, rest, decimals, unit } = DurationText(ns).parts();
+            page.push_word(u64::from_le_bytes(*b"  (     "), 3);
+            page.push_signed(whole.cast_signed());
+            if decimals > 0 {
+                page.push_word(b'.'.into(), 1);
+                let first = if decimals == 2 { rest / 10 } else { rest };
+                page.push_word(first + ZERO, 1);
+                page.push_word(rest % 10 + ZERO, decimals - 1);
+            }
+            page.push_bytes(unit);
+            page.push_word(b')'.into(), 1);
+        }
+        page.push_word(b'\n'.into(), 1);
+        true
     }
 
     /// Puts a line down; false where it has words that have to be put together first.
