@@ -104,9 +104,23 @@ impl NumberStyle {
             Self::Tenths => Decimal::with_decimals(number, 1),
             Self::Hex(digits) => Decimal::hexadecimal(number as u32, digits),
             Self::Scaled(factor) => {
-                Decimal::of_thousandths(libm::round(number as f64 * factor * 1000.0) as i64)
+                Decimal::of_thousandths(rounded(number as f64 * factor * 1000.0))
             }
         })
+    }
+}
+
+/// The nearest whole number, a half away from zero, of one that is far from the ends of the range.
+fn rounded(value: f64) -> i64 {
+    let whole = value as i64;
+    // The difference is exact: where numbers have fractions, whole ones next to them are numbers too.
+    let rest = value - whole as f64;
+    if rest >= 0.5 {
+        whole + 1
+    } else if rest <= -0.5 {
+        whole - 1
+    } else {
+        whole
     }
 }
 
@@ -218,6 +232,14 @@ mod tests {
             (10_050, "10.05"),
         ] {
             assert_eq!(Decimal::of_thousandths(thousandths).as_str(), text);
+        }
+    }
+
+    #[test]
+    fn halves_are_rounded_away_from_zero() {
+        let near = [0.0, 0.5, 1.0, 1.5, 2.5, 0.499_999_999_999_999_94, 4e15, 4.5e15, 9e15];
+        for value in near.into_iter().flat_map(|it| [it, -it, it + 0.25, it - 0.25]) {
+            assert_eq!(rounded(value), libm::round(value) as i64, "{value}");
         }
     }
 

@@ -1,6 +1,8 @@
 //! Identifies the drive of a node by a value in the capture: object 1018h for a data sheet, or a register
 //! for a built-in profile.
 
+use std::sync::LazyLock;
+
 use polepair_core::profile::{Identity, IdentityQuery, Profile};
 use polepair_core::proto::canopen::explain::meanings;
 use polepair_core::proto::canopen::sdo::ObjectIndex;
@@ -40,6 +42,9 @@ impl NodeProduct {
         raw: i64,
         stated: Option<&'static Profile>,
     ) -> Option<ChangeNotice> {
+        if stated.is_none() && !IDENTITY_OBJECTS.contains(&object) {
+            return None;
+        }
         let (is, to) = self.identify(object, raw, stated)?;
         let from = match *self {
             Self::Unknown => "",
@@ -69,6 +74,20 @@ impl NodeProduct {
         Some((Self::Other(text), text))
     }
 }
+
+/// Objects that identify one of the drives. A poll reads others, again and again.
+static IDENTITY_OBJECTS: LazyLock<Vec<ObjectIndex>> = LazyLock::new(|| {
+    let object_of = |profile: &&'static Profile| {
+        let Identity { query: IdentityQuery::Parameter(id), .. } =
+            meanings::canopen_profile(Some(profile))?.identity?
+        else {
+            return None;
+        };
+        let parameter = profile.parameter(id)?;
+        Some(ObjectIndex::new(parameter.index, parameter.space))
+    };
+    polepair_drives::profiles().iter().filter_map(object_of).collect()
+});
 
 /// Compares a value with a product's identity; `None` if it is no part of that.
 fn matches_identity(profile: &'static Profile, object: ObjectIndex, raw: i64) -> Option<bool> {

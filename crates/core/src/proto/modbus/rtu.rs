@@ -83,6 +83,15 @@ pub fn crc_matches(adu: &[u8]) -> bool {
     adu.len() >= ADU_MIN && crc16(adu) == 0
 }
 
+/// Address and PDU of a frame whose check sum was verified before; `None` if it is too short or too long.
+#[must_use]
+pub fn verified_parts(adu: &[u8]) -> Option<(u8, &[u8])> {
+    match adu {
+        [unit, pdu @ .., _, _] if !pdu.is_empty() && adu.len() <= ADU_MAX => Some((*unit, pdu)),
+        _ => None,
+    }
+}
+
 /// Address and PDU of one whole frame.
 ///
 /// # Errors

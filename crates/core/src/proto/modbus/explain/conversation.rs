@@ -99,8 +99,9 @@ impl ModbusDissector {
             if !is_alike(frame.bytes, request.bytes) {
                 return false;
             }
-            return match (rtu::decode(frame.bytes), rtu::decode(request.bytes)) {
-                (Ok((_, reply)), Ok((_, request_pdu))) => is_reply_to(reply, request_pdu),
+            // What is taken for a request was whole.
+            return match (rtu::decode(frame.bytes), rtu::verified_parts(request.bytes)) {
+                (Ok((_, reply)), Some((_, request_pdu))) => is_reply_to(reply, request_pdu),
                 _ => false,
             };
         }
@@ -115,10 +116,16 @@ impl ModbusDissector {
         from == to && same_transaction && is_reply_to(reply, request_pdu)
     }
 
-    /// An exception that acknowledges refuses nothing.
+    /// An exception that acknowledges refuses nothing. An answer of RTU has a valid check sum.
     pub(super) fn exception_text(self, answer: &RawFrame<'_>) -> Option<&'static str> {
-        let mut store = [0; rtu::ADU_MAX];
-        let (_, pdu) = self.decode_frame(answer.bytes, &mut store)?;
+        let mut store;
+        let (_, pdu) = match self.0 {
+            WireFormat::Rtu => rtu::verified_parts(answer.bytes)?,
+            WireFormat::Ascii | WireFormat::Tcp => {
+                store = [0; rtu::ADU_MAX];
+                self.decode_frame(answer.bytes, &mut store)?
+            }
+        };
         match ReplyPdu::parse(pdu) {
             Ok(ReplyPdu::Exception { exception, .. }) if exception != Exception::Acknowledge => {
                 Some(exception.text())
