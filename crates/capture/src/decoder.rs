@@ -154,6 +154,7 @@ pub struct CaptureDecoder {
     frame_count: u64,
     /// Conversations are followed.
     tracks_sessions: bool,
+    skips_signals: bool,
     /// Records beyond the links that are followed.
     untracked: u64,
     time_reversal: Option<TimeReversal>,
@@ -212,6 +213,7 @@ impl CaptureDecoder {
             piece: Vec::new(),
             frame_count: 0,
             tracks_sessions: true,
+            skips_signals: false,
             untracked: 0,
             time_reversal: None,
             layout: LineLayout::default(),
@@ -234,6 +236,13 @@ impl CaptureDecoder {
     #[must_use]
     pub fn without_text(mut self) -> Self {
         self.explanation = Explanation::values_only();
+        self
+    }
+
+    /// Leaves notices of values out where that saves time. States, faults, exchanges and anomalies stay the same.
+    #[must_use]
+    pub fn without_signals(mut self) -> Self {
+        self.skips_signals = true;
         self
     }
 
@@ -499,7 +508,7 @@ impl CaptureDecoder {
                 answers: AnswerCache::default(),
                 flows: Default::default(),
                 conversation: Conversation::with_echo(echoes),
-                session: LinkSession::new(name),
+                session: LinkSession::new(name, self.skips_signals),
             });
             self.links.len() - 1
         })

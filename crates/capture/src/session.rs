@@ -358,6 +358,8 @@ pub(crate) trait ProtocolTracker: Debug + Send {
 #[derive(Debug, Default)]
 pub(crate) struct LinkSession {
     trackers: Vec<(InternedName, Box<dyn ProtocolTracker>)>,
+    /// Values are left out, states and faults are not.
+    skips_signals: bool,
     /// Doubts on a link of which no frame of a drive has been seen, where that proves nothing.
     one_sided: Option<OneSidedLink>,
 }
@@ -408,10 +410,10 @@ fn shows_drive(notice: &SessionNotice) -> bool {
 }
 
 impl LinkSession {
-    /// The session of a link.
-    pub fn new(link: &str) -> Self {
+    /// The session of a link, without notices of values if `skips_signals`.
+    pub fn new(link: &str, skips_signals: bool) -> Self {
         let one_sided = (link == NO_LINK).then(OneSidedLink::default);
-        Self { one_sided, ..Self::default() }
+        Self { one_sided, skips_signals, ..Self::default() }
     }
 
     /// Returns whether answers are missing on a link whose capture may have none.
@@ -445,7 +447,7 @@ impl LinkSession {
         let protocol = observed.dissector.name();
         let at = self.trackers.iter().position(|(name, _)| is_same_protocol(name, protocol));
         let at = at.unwrap_or_else(|| {
-            self.trackers.push((protocol, new_tracker(observed.dissector)));
+            self.trackers.push((protocol, new_tracker(observed.dissector, self.skips_signals)));
             self.trackers.len() - 1
         });
         self.trackers[at].1.handle_frame(observed, explanation, notices);
@@ -535,9 +537,9 @@ pub(crate) fn error_frame_notice(error: &CanErrorFrame, text: &str) -> Option<Se
 }
 
 /// Tracker of a protocol's conversations.
-fn new_tracker(protocol: &'static dyn Dissector) -> Box<dyn ProtocolTracker> {
+fn new_tracker(protocol: &'static dyn Dissector, skips_signals: bool) -> Box<dyn ProtocolTracker> {
     match protocol.name() {
-        "canopen" => Box::<canopen::CanopenTracker>::default(),
-        _ => Box::<exchange::ExchangeTracker>::default(),
+        "canopen" => Box::new(canopen::CanopenTracker::new(skips_signals)),
+        _ => Box::new(exchange::ExchangeTracker::new(skips_signals)),
     }
 }

@@ -157,6 +157,7 @@ impl StatedArgs {
             profile,
             options,
             with_words: true,
+            with_signals: true,
             progress: false,
             quiet: false,
         })
@@ -170,6 +171,7 @@ pub struct CaptureSource {
     pub profile: Option<&'static Profile>,
     options: ReadOptions,
     with_words: bool,
+    with_signals: bool,
     progress: bool,
     quiet: bool,
 }
@@ -178,6 +180,11 @@ impl CaptureSource {
     /// Skips the text and fields of frames.
     pub fn without_words(self) -> Self {
         Self { with_words: false, ..self }
+    }
+
+    /// Leaves notices of values out where that saves time.
+    pub fn without_signals(self) -> Self {
+        Self { with_signals: false, ..self }
     }
 
     /// Does not print detections.
@@ -241,7 +248,8 @@ impl CaptureSource {
     }
 
     fn apply_words(&self, decoder: CaptureDecoder) -> CaptureDecoder {
-        if self.with_words { decoder } else { decoder.without_text() }
+        let decoder = if self.with_words { decoder } else { decoder.without_text() };
+        if self.with_signals { decoder } else { decoder.without_signals() }
     }
 
     /// A decoder for a file. Where the user does not name the protocol, it is detected while the file is

@@ -263,6 +263,19 @@ fn by_batches(log: &str, rules: &str, style: TextStyle, is_scanned: bool) -> Out
     outputs(text, json, &summary)
 }
 
+/// Text of the log, decoded without notices of values.
+fn text_without_signals(log: &str, rules: &str, style: TextStyle) -> String {
+    let decoder = CaptureDecoder::new(Rules::parse(rules).expect("rules"));
+    let (mut decoder, mut writer) = (decoder.without_signals(), FrameTextWriter::new(style));
+    let (mut text, mut batch) = (Vec::new(), FrameBatch::default());
+    let mut take = |batch: &mut FrameBatch| writer.write_batch(batch, &mut text);
+    decoder.decode_batch(log.as_bytes(), &mut batch, &mut take);
+    take(&mut batch);
+    decoder.finish_batch(&mut batch, &mut take);
+    take(&mut batch);
+    String::from_utf8(text).expect("text")
+}
+
 fn outputs(text: Vec<u8>, json: Vec<u8>, summary: &Summary) -> Outputs {
     (
         String::from_utf8(text).expect("text"),
@@ -286,6 +299,9 @@ fn known_frames_read_as_explained_ones() {
         for notices in [NoticeLevel::Events, NoticeLevel::All, NoticeLevel::None] {
             let style = TextStyle { notices, ..TextStyle::default() };
             let frames = by_frames(&log, rules, style);
+            if notices != NoticeLevel::All {
+                assert!(text_without_signals(&log, rules, style) == frames.0, "{rules}");
+            }
             for is_scanned in [false, true] {
                 let batches = by_batches(&log, rules, style, is_scanned);
                 let differs = frames.0.lines().zip(batches.0.lines()).find(|(one, two)| one != two);

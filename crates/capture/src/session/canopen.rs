@@ -72,6 +72,7 @@ const NODES: usize = NODE_MAX as usize + 1;
 /// Follows the CANopen of one bus.
 #[derive(Debug)]
 pub(super) struct CanopenTracker {
+    skips_signals: bool,
     services: ServiceTable,
     pdos: PdoTable,
     channels: Vec<SdoChannel>,
@@ -100,9 +101,11 @@ pub(super) struct CanopenTracker {
 const HEARTBEAT_TIME: ObjectIndex = ObjectIndex::new(0x1017, 0);
 const NEVER: Timestamp = Timestamp(u64::MAX);
 
-impl Default for CanopenTracker {
-    fn default() -> Self {
+impl CanopenTracker {
+    /// A tracker, without notices of the values of objects if `skips_signals`.
+    pub(super) fn new(skips_signals: bool) -> Self {
         Self {
+            skips_signals,
             services: ServiceTable::default(),
             pdos: PdoTable::default(),
             channels: (0..=NODE_MAX).map(|node| SdoChannel::new(node, None)).collect(),

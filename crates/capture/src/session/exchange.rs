@@ -116,6 +116,11 @@ impl ProtocolTracker for ExchangeTracker {
 }
 
 impl ExchangeTracker {
+    /// A tracker, without notices of values if `skips_signals`.
+    pub(super) fn new(skips_signals: bool) -> Self {
+        Self { values: ValueTracker::new(skips_signals), ..Self::default() }
+    }
+
     fn conversation_context<'a>(
         &'a self,
         observed: &ObservedFrame<'_>,

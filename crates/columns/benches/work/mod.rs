@@ -80,7 +80,7 @@ impl BatchConsumer for LineMaker {
 pub fn text(log: &str, decoder: CaptureDecoder, jobs: usize) -> usize {
     let mut makers: Vec<LineMaker> = (0..jobs).map(|_| LineMaker::default()).collect();
     let mut written = 0;
-    decode_log(log, decoder, &mut makers, &mut |maker| {
+    decode_log(log, decoder.without_signals(), &mut makers, &mut |maker| {
         written += maker.lines.len();
         maker.lines.clear();
     });

@@ -43,7 +43,9 @@ impl CanopenTracker {
         let raw = value_number(object, bits, len, self.node_profile(id));
         let known = self.node_mut(id).values.insert_bounded(object, raw);
         self.identify(id, object, raw, notices);
-        self.emit_signals(id, settled, raw, notices);
+        if !self.skips_signals {
+            self.emit_signals(id, settled, raw, notices);
+        }
         let profile = self.node_profile(id);
         let node = self.node_mut(id);
         let mode = node.power.mode();

@@ -22,6 +22,7 @@ const WRAP: i64 = 1 << 31;
 /// Known values of the axes of a link.
 #[derive(Debug, Default)]
 pub(super) struct ValueTracker {
+    skips_signals: bool,
     profile: Option<&'static Profile>,
     /// Parameters that others are scaled by.
     factors: Vec<ParameterId>,
@@ -74,6 +75,11 @@ struct ObservedValue<'a> {
 }
 
 impl ValueTracker {
+    /// A tracker, without notices of values if `skips_signals`.
+    pub fn new(skips_signals: bool) -> Self {
+        Self { skips_signals, ..Self::default() }
+    }
+
     /// Reports the values of a frame.
     pub fn handle_values(
         &mut self,
@@ -89,6 +95,7 @@ impl ValueTracker {
         for stored_frame_value in readings {
             let found = ObservedValue { frame_value: stored_frame_value, axis, quality, request };
             match stored_frame_value.source {
+                StoredValueSource::Named(_) if self.skips_signals => {}
                 StoredValueSource::Named(word) => {
                     notices.push(found.signal_notice(
                         word,
@@ -140,6 +147,9 @@ impl ValueTracker {
         if let Some(object) = self.uses[at].factor {
             let key = (found.axis, found.frame_value.motor, object);
             replace_known(&mut self.factor_values, key, found.frame_value.raw);
+        }
+        if self.skips_signals && self.uses[at].sources.iter().all(|(_, name)| name.is_some()) {
+            return;
         }
         // After the factor was noted: a parameter may scale itself.
         let (value, unit, quality) = self.scale_value(profile, parameter, &found);

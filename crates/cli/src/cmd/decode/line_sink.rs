@@ -51,6 +51,9 @@ impl LineSink {
         jobs: usize,
     ) -> Result<CaptureDecoder> {
         let marks = self.style.colour || self.style.marks;
+        // Lines of text have values on request alone, lines of JSON always.
+        let with_signals = self.text.is_none() || self.style.notices == text::NoticeLevel::All;
+        let source = if with_signals { source } else { source.without_signals() };
         let pen = || LineFormatter {
             text: self.text.as_ref().map(|_| text::FrameTextWriter::new(self.style)),
             lines: Vec::new(),
