@@ -1,8 +1,12 @@
 //! The OpenAPI description of the REST interface.
 
-use utoipa::OpenApi;
+use utoipa::openapi::path::{Operation, ParameterBuilder, ParameterIn};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{KnownFormat, ObjectBuilder, RefOr, Required, Schema, SchemaFormat, Type};
+use utoipa::{Modify, OpenApi};
 
-use super::{axis, bench, capture, diagnostics, login, motion, scan, search};
+use super::{ApiRoute, ROUTES, axis, bench, capture, diagnostics, login, motion, scan, search};
+use crate::access::AccessRule;
 use crate::message::{ClientMessage, ServerMessage};
 
 /// Description of the interface.
@@ -58,9 +62,77 @@ use crate::message::{ClientMessage, ServerMessage};
         login::prove,
         crate::live::upgrade
     ),
-    components(schemas(ClientMessage, ServerMessage))
+    components(schemas(ClientMessage, ServerMessage)),
+    modifiers(&RouteTableDetails)
 )]
 struct ApiDoc;
+
+/// Name of the scheme by which clients show who they are.
+const TOKEN_SCHEME: &str = "token";
+
+/// Adds what the route table and the guard ask of every request, so that no handler can forget it.
+struct RouteTableDetails;
+
+impl Modify for RouteTableDetails {
+    fn modify(&self, description: &mut utoipa::openapi::OpenApi) {
+        let bearer = HttpBuilder::new()
+            .scheme(HttpAuthScheme::Bearer)
+            .description(Some("A token of the file that `polepair serve` names as it starts."));
+        let components = description.components.get_or_insert_default();
+        components.add_security_scheme(TOKEN_SCHEME, SecurityScheme::Http(bearer.build()));
+        for (path, item) in &mut description.paths.paths {
+            let methods =
+                [("GET", &mut item.get), ("POST", &mut item.post), ("DELETE", &mut item.delete)];
+            for (method, operation) in methods {
+                let of_route = |route: &&ApiRoute| route.path == path && route.method == method;
+                if let (Some(operation), Some(route)) = (operation, ROUTES.iter().find(of_route)) {
+                    complete(operation, route);
+                }
+            }
+        }
+    }
+}
+
+/// Adds who may call an operation, the header of changes, the form of a file, and words for its responses.
+fn complete(operation: &mut Operation, route: &ApiRoute) {
+    operation.security = Some(match route.access {
+        AccessRule::Public => vec![SecurityRequirement::default()],
+        AccessRule::AnyOf(scopes) => scopes
+            .iter()
+            .map(|scope| SecurityRequirement::new(TOKEN_SCHEME, [scope.as_str()]))
+            .collect(),
+    });
+    if route.method != "GET" {
+        let header = ParameterBuilder::new()
+            .name("X-Polepair")
+            .parameter_in(ParameterIn::Header)
+            .required(Required::True)
+            .description(Some("1, which no form and no page of another site can send"))
+            .schema(Some(ObjectBuilder::new().schema_type(Type::String).default(Some("1".into()))));
+        operation.parameters.get_or_insert_default().push(RefOr::T(header.build()));
+    }
+    if route.accepts_file
+        && let Some(RefOr::T(body)) = &mut operation.request_body
+    {
+        let file = ObjectBuilder::new()
+            .schema_type(Type::String)
+            .format(Some(SchemaFormat::KnownFormat(KnownFormat::Binary)))
+            .build();
+        for content in body.content.values_mut() {
+            if let RefOr::T(content) = content {
+                content.schema = Some(RefOr::T(Schema::Object(file.clone())));
+            }
+        }
+    }
+    for (status, response) in &mut operation.responses.responses {
+        if let RefOr::T(response) = response
+            && response.description.is_empty()
+        {
+            let words = if status == "default" { "Refused, with the reason" } else { "Done" };
+            response.description = words.to_owned();
+        }
+    }
+}
 
 /// The description, as it is committed and served.
 #[must_use]
