@@ -76,6 +76,8 @@ impl GatewayError {
             | "gateway.look" => 409,
             "gateway.size" => 413,
             "gateway.host" => 421,
+            // A file that is no capture: nothing behind the gateway failed.
+            "E510" => 422,
             "gateway.locked" => 423,
             "gateway.limit" => 429,
             "gateway.busy" | "gateway.journal" => 503,

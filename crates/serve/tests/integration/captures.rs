@@ -36,7 +36,7 @@ fn a_capture_is_opened_and_read_page_by_page() {
     assert_eq!(page("filter=axis+%3D+%3D+2").status, 400);
     assert_eq!(site.get("/api/v1/captures/capture-9", &site.bearer("viewer")).status, 404);
     let nothing = site.send("POST /api/v1/captures?name=x", &heads, "");
-    assert_eq!(nothing.code(), "E510");
+    assert_eq!((nothing.status, nothing.code().as_str()), (422, "E510"));
     site.end();
 }
 
